@@ -1,1 +1,1 @@
-//! (to be filled)
+//! Filled in below.

@@ -1,1 +1,3 @@
+//! `kmb`: the command line of Kimberlite.
+
 fn main() {}
