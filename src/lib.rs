@@ -11,6 +11,9 @@
 //! | 1 | [`transform`] prediction on one diamond, [`entropy`] bits |
 //! | 0 | [`lattice`] diamonds and patches, [`geo`] rasters and frames |
 
+#![warn(missing_docs)]
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
+
 pub mod build;
 pub mod codec;
 pub mod cut;

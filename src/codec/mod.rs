@@ -1,1 +1,15 @@
-//! Filled in below.
+//! Floor 2: one matrix of samples to bytes and back: transform, quantiser, entropy coder, void mask.
+//! Knows no files, threads or views.
+
+mod block;
+mod bounds;
+mod mask;
+mod matrix;
+mod roots;
+mod units;
+
+pub use block::{BlockCodec, BlockError};
+pub use bounds::{ErrorCode, RangeCode};
+pub use matrix::{Matrix, child_vertices, codable_centres};
+pub use roots::RootCodec;
+pub use units::Units;

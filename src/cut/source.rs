@@ -1,0 +1,45 @@
+//! What cuts and queries read diamonds from.
+
+use crate::Result;
+use crate::codec::Matrix;
+use crate::geo::Frame;
+use crate::lattice::{Diamond, Lattice};
+
+/// What is stored of a refinable diamond beside its detail.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Summary {
+    /// Upper bound, in height units, of the distance between the leaf surface and this diamond's own
+    /// triangles; never below its descendants'. Infinite where voids are wrongly drawn.
+    pub error: f64,
+    /// Least and greatest height, in units, of all that is drawn for it and its descendants.
+    pub range: [i32; 2],
+}
+
+/// Decoded diamonds of one layer of heights. A repository is one; tests make others.
+pub trait DiamondSource: Send + Sync {
+    /// The diamonds that there are.
+    fn lattice(&self) -> &Lattice;
+
+    /// From grid coordinates to the world.
+    fn frame(&self) -> &Frame;
+
+    /// World z of a height in units: `z[0] + z[1] * unit`.
+    fn height_to_world(&self) -> [f64; 2];
+
+    /// The root's vertex matrix.
+    fn root(&self) -> &Matrix;
+
+    /// Range of units of the whole layer, which the ranges of level 0 refer to.
+    fn range(&self) -> [i32; 2];
+
+    /// Error and range of a refinable diamond. `parent_range` is the decoded range of its first
+    /// existing parent in [`Lattice::parents`]' order ([`range`](Self::range) for the root).
+    fn summary(&self, diamond: Diamond, parent_range: [i32; 2]) -> Result<Summary>;
+
+    /// The centre matrix of a refinable diamond, given its vertex matrix.
+    ///
+    /// # Errors
+    ///
+    /// Whatever keeps the block from being read or decoded; the diamond then stays as it is.
+    fn centres(&self, diamond: Diamond, vertices: &Matrix) -> Result<Matrix>;
+}

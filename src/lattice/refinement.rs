@@ -1,0 +1,94 @@
+//! Moving values from a refined parent to its children.
+
+use super::diamond::Diamond;
+use super::patch::Apex;
+use super::planar::Lattice;
+
+/// Copies the half of `child` whose apex is `parent`'s centre out of `parent`'s matrices.
+///
+/// `vertices` is the parent's (N+1)^2 matrix, `centres` its N^2 one, `target` the child's (N+1)^2.
+pub fn gather_half<T: Copy>(
+    lattice: &Lattice,
+    parent: Diamond,
+    (vertices, centres): (&[T], &[T]),
+    child: Diamond,
+    half: usize,
+    target: &mut [T],
+) {
+    let cells = lattice.cells() as i64;
+    let side = cells + 1;
+    let apex = lattice.apexes(child)[half];
+    let map = DoubledMap::new(lattice, parent, child, apex);
+    for j in 0..side {
+        let (first, last) = apex.row(cells, j);
+        for start in [first, first + 1] {
+            if start > last {
+                continue;
+            }
+            let [u, v] = map.at(start, j);
+            // Two steps of i stay on the same matrix, since both doubled indices keep their parity.
+            let (source, width) = if u % 2 == 0 {
+                (vertices, side)
+            } else {
+                (centres, cells)
+            };
+            let mut index = (v / 2) * width + u / 2;
+            let stride = map.ax[1] * width + map.ax[0];
+            let row = &mut target[(j * side + start) as usize..=(j * side + last) as usize];
+            for value in row.iter_mut().step_by(2) {
+                *value = source[index as usize];
+                index += stride;
+            }
+        }
+    }
+}
+
+/// Fills the half of a half diamond that is not present by reflection across the hypotenuse.
+pub fn reflect_absent_half<T: Copy>(cells: usize, absent: Apex, matrix: &mut [T]) {
+    let side = cells + 1;
+    for j in 0..side {
+        let (first, last) = absent.row(cells as i64, j as i64);
+        for i in first as usize..=last as usize {
+            let (a, b) = match absent {
+                Apex::Right | Apex::Bottom => (j, i),
+                Apex::Origin | Apex::Far => (cells - j, cells - i),
+            };
+            matrix[j * side + i] = matrix[b * side + a];
+        }
+    }
+}
+
+/// The child's index grid in the doubled index grid of its parent, where vertices have even indices
+/// and centres odd ones.
+struct DoubledMap {
+    origin: [i64; 2],
+    ax: [i64; 2],
+    ay: [i64; 2],
+}
+
+impl DoubledMap {
+    fn new(lattice: &Lattice, parent: Diamond, child: Diamond, apex: Apex) -> DoubledMap {
+        let cells = lattice.cells() as i64;
+        let (ax, ay) = if parent.level().is_multiple_of(2) {
+            ([1, -1], [1, 1])
+        } else {
+            ([1, 1], [-1, 1])
+        };
+        // The apex is the parent's centre, (N, N) when doubled.
+        let (i, j) = apex.corner(lattice.cells());
+        let (i, j) = (i as i64, j as i64);
+        debug_assert!(lattice.contains(child));
+        DoubledMap {
+            origin: [cells - i * ax[0] - j * ay[0], cells - i * ax[1] - j * ay[1]],
+            ax,
+            ay,
+        }
+    }
+
+    fn at(&self, i: i64, j: i64) -> [i64; 2] {
+        [
+            self.origin[0] + i * self.ax[0] + j * self.ay[0],
+            self.origin[1] + i * self.ax[1] + j * self.ay[1],
+        ]
+    }
+}
