@@ -149,11 +149,9 @@ impl Model {
         let prediction = predict(matrix, index, self.lattice.cells, self.raster.range);
         let coefficient = self.input(point).map(|input| {
             let coefficient = (input - prediction + self.bound).div_euclid(2 * self.bound + 1);
-            if self.bound == 0 {
-                coefficient as i32
-            } else {
-                i32::try_from(coefficient).expect("a step of 3 or more makes 32 bits enough")
-            }
+            let wrapped = coefficient as i32;
+            assert!(self.bound == 0 || i64::from(wrapped) == coefficient);
+            wrapped
         });
         let value = self.reconstruct(prediction, coefficient);
         let before = self.values.insert(point, value);
