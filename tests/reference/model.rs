@@ -63,8 +63,20 @@ pub struct Model {
     pub values: BTreeMap<Point, i64>,
 }
 
-/// Encodes a raster with 2^`cells_log2` cells a side and the bound `bound` >= 0 in units.
+/// Encodes a raster with 2^`cells_log2` cells a side and the bound `bound` >= 0 in units; root
+/// vertices are kept as they are.
 pub fn encode(raster: &Raster, cells_log2: u32, bound: i64) -> Model {
+    encode_from(raster, cells_log2, bound, |_, input| input)
+}
+
+/// As [`encode`], with `root` giving what a decoder has at a valid root vertex, from its index and
+/// input.
+pub fn encode_from(
+    raster: &Raster,
+    cells_log2: u32,
+    bound: i64,
+    root: impl Fn(Index, i64) -> i64,
+) -> Model {
     let lattice = Lattice::new(raster.width, raster.height, cells_log2);
     let (raster, values) = (raster.clone(), BTreeMap::new());
     let mut model = Model {
@@ -74,7 +86,7 @@ pub fn encode(raster: &Raster, cells_log2: u32, bound: i64) -> Model {
         diamonds: BTreeMap::new(),
         values,
     };
-    model.place_root();
+    model.place_root(root);
     for diamond in model.lattice.diamonds() {
         let mut coefficients = Vec::new();
         let mut centres = Vec::new();
@@ -105,12 +117,12 @@ impl Model {
         self.raster.samples[self.lattice.sample(point)?]
     }
 
-    fn place_root(&mut self) {
+    fn place_root(&mut self, root: impl Fn(Index, i64) -> i64) {
         let indices = self.lattice.vertex_indices();
         let place = |index| self.lattice.vertex(self.lattice.root(), index);
         let valid: Vec<(Index, i64)> = indices
             .iter()
-            .filter_map(|index| Some((*index, self.input(place(*index))?)))
+            .filter_map(|index| Some((*index, root(*index, self.input(place(*index))?))))
             .collect();
         let (low, high) = self.raster.range;
         for (i, j) in indices {
