@@ -227,6 +227,30 @@ fn root_vertices_that_are_not_valid_take_the_nearest_valid_one() {
     );
 }
 
+#[test]
+fn half_a_diamond_is_predicted_from_its_reflection() {
+    let mut samples = vec![Some(0); 25];
+    samples[6] = Some(10);
+    let model = encode(&Raster::new(5, 5, samples), 1, 0);
+    let middle = model.lattice.root().x;
+    let record = &model.diamonds[&Diamond {
+        level: 1,
+        x: middle,
+        y: 0,
+    }];
+    // At (1, 0): 0 and 0 on the border, 10 below it and the same 10 above. At (3, 0): only zeros.
+    let coded: Vec<i32> = record.coefficients.iter().flatten().copied().collect();
+    let sum: i32 = coded.iter().sum();
+    assert_eq!(
+        coded.len(),
+        3,
+        "of four, the one beyond the border is not coded"
+    );
+    assert_eq!(coded.iter().min(), Some(&-5));
+    // At (2, 1), between 10, 0, 0 and 0: (10 + 2) >> 2.
+    assert_eq!(sum, -5 - 3);
+}
+
 /// A 5 x 5 raster in diamonds of 2 cells: the errors of the root and of its upper, left, right and
 /// lower child.
 fn small_errors(change: impl Fn(&mut [Option<i64>])) -> [f64; 5] {
