@@ -1,1 +1,5 @@
-//! Filled in below.
+//! Floor 3: what the command line and the tests do with whole repositories.
+
+mod cracks;
+
+pub use cracks::count_cracks;
