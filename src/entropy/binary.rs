@@ -5,7 +5,7 @@
 //! Zero bytes at the end are dropped, because the decoder reads zeros there anyway.
 
 /// How likely a decision is, learned from those before it in the same context: fast at first,
-/// then as a moving average over about 2^[`SLOWEST`](Self::SLOWEST) decisions.
+/// then as a moving average over about 64 decisions.
 #[derive(Clone, Copy, Debug)]
 pub struct Probability {
     /// Of `true`, in units of 2^-16; never 0.

@@ -8,6 +8,7 @@ mod flight;
 mod fly;
 mod memory;
 mod random;
+pub mod raster_file;
 mod verify;
 
 pub use bench::{Speed, bench};
