@@ -3,7 +3,7 @@
 use super::Progress;
 use super::bands::Bands;
 use super::raster_file::write_geotiff;
-use crate::cut::{Terrain, Window};
+use crate::cut::{DiamondSource, Terrain, Window, level_size, level_step};
 use crate::geo::{RasterInfo, Registration};
 use crate::{Error, Result};
 use std::ops::Range;
@@ -46,23 +46,15 @@ pub fn extract(
     what: &Extract,
     progress: Progress,
 ) -> Result<Extracted> {
-    let finest = terrain.lattice().levels();
-    let level = what.level.unwrap_or(finest);
-    if level > finest || level % 2 != 0 {
-        return Err(Error::Argument(format!(
-            "level {level} has no samples: it must be even and from 0 to {finest}"
-        )));
-    }
-    let raster = &terrain.header().raster;
-    let stride = 1 << ((finest - level) / 2);
+    let level = what.level.unwrap_or(terrain.lattice().levels());
+    let stride = level_step(terrain, level)?;
+    let raster = terrain.raster_info();
     let window = match what.corners {
         Some(corners) => window_of(raster, stride, corners)?,
-        None => Window {
-            column: 0,
-            row: 0,
-            width: (raster.width - 1) / stride + 1,
-            height: (raster.height - 1) / stride + 1,
-        },
+        None => {
+            let [width, height] = level_size(terrain, level)?;
+            Window { column: 0, row: 0, width, height }
+        }
     };
     let info = resampled(raster, stride, window);
     let mut bands = Bands::new(terrain, level, window);

@@ -3,7 +3,8 @@
 use crate::Result;
 use crate::cut::{Query, Terrain, View};
 use crate::geo::Frame;
-use glam::{DMat4, DVec3};
+use glam::DVec3;
+use glam::dcamera::rh::{proj::opengl, view};
 use std::sync::Arc;
 
 /// Vertical field of view in radians.
@@ -122,8 +123,8 @@ impl Stage {
         let up = ahead * dip.sin() + DVec3::Z * dip.cos();
         let aspect = viewport[0] / viewport[1];
         let (near, far) = (clearance / 20.0, 4.0 * side);
-        let projection = DMat4::perspective_rh_gl(FIELD_OF_VIEW, aspect, near, far);
-        let world_to_clip = projection * DMat4::look_to_rh(eye, direction, up);
+        let projection = opengl::perspective(FIELD_OF_VIEW, aspect, near, far);
+        let world_to_clip = projection * view::look_to_mat4(eye, direction, up);
         View {
             eye: eye.to_array(),
             world_to_clip: world_to_clip.to_cols_array(),

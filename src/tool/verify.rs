@@ -3,9 +3,9 @@
 use super::Progress;
 use super::bands::Bands;
 use crate::build::source::RasterSource;
-use crate::cut::{Terrain, Window};
+use crate::cut::{DiamondSource, Terrain, Window};
+use crate::store::Damage;
 use crate::{Error, Result};
-use std::path::Path;
 
 /// What was found.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,7 +57,7 @@ pub fn verify(
     progress: Progress,
 ) -> Result<Verdict> {
     if let Some(source) = &against {
-        check_shape(terrain, source.as_ref())?;
+        check_shape(terrain, &**source)?;
     }
     let mut damage = broken_checksums(terrain);
     let mut sums = Sums::default();
