@@ -2,7 +2,7 @@
 
 use super::cracks::count_cracks;
 use super::{Progress, flight, quantile};
-use crate::cut::{Cut, CutOptions, Stats, Terrain, VertexForm};
+use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, VertexForm};
 use crate::schedule::Budget;
 use crate::{Error, Result};
 use std::sync::Arc;
