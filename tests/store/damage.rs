@@ -21,7 +21,7 @@ fn seal_page(bytes: &mut [u8], start: usize, length: usize) {
 
 #[test]
 fn a_flipped_bit_goes_unnoticed() {
-    let content = Content::small(70);
+    let content = Content::small(12);
     let good = content.bytes();
     for access in BOTH {
         let folder = Folder::new();
@@ -125,7 +125,7 @@ fn damage_of_a_page_or_a_group_spreads_or_is_not_named() {
 
 #[test]
 fn a_truncated_file_opens() {
-    let good = Content::small(70).bytes();
+    let good = Content::small(12).bytes();
     let whole = good.len();
     for length in 0..whole {
         let expected = match length {
