@@ -244,7 +244,7 @@ fn an_index_that_points_outside_the_blocks_is_followed() {
 
 #[test]
 fn pages_that_overlap_pass_verification() {
-    let good = Content::small(128).bytes();
+    let good = Content::small(192).bytes();
     let (index, _) = index_and_blocks(&good);
     let mut bytes = good.clone();
     let second = index + 364;
