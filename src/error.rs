@@ -53,16 +53,26 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// An [`Error::Io`] about `path`; made to be used with `map_err`.
     pub fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Error {
-        move |source| Error::Io { path: path.to_path_buf(), action, source }
+        move |source| Error::Io {
+            path: path.to_path_buf(),
+            action,
+            source,
+        }
     }
 
     /// An [`Error::Input`] about `path`.
     pub fn input(path: &Path, message: impl Into<String>) -> Error {
-        Error::Input { path: path.to_path_buf(), message: message.into() }
+        Error::Input {
+            path: path.to_path_buf(),
+            message: message.into(),
+        }
     }
 
     /// An [`Error::Damaged`] about `path`.
     pub fn damaged(path: &Path, message: impl Into<String>) -> Error {
-        Error::Damaged { path: path.to_path_buf(), message: message.into() }
+        Error::Damaged {
+            path: path.to_path_buf(),
+            message: message.into(),
+        }
     }
 }

@@ -18,7 +18,9 @@ fn rasters() -> impl Strategy<Value = Raster> {
     (2u32..70, 2u32..70, any::<u64>(), 0u32..4).prop_map(|(width, height, seed, voids)| {
         let mut state = seed | 1;
         let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             state >> 33
         };
         let samples = (0..width * height).map(|index| {
@@ -65,16 +67,29 @@ fn model_of(raster: &Raster, terrain: &Terrain, bound: i64) -> Model {
     let (width, height) = (raster.info.width as usize, raster.info.height as usize);
     let model = reference::model::Raster::new(width, height, samples);
     let side = terrain.lattice().cells() + 1;
-    encode_from(&model, terrain.lattice().cells_log2(), bound, |(i, j), input| {
-        let value = i64::from(terrain.root().values[j as usize * side + i as usize]);
-        assert!((value - input).abs() <= bound, "a root vertex is off by more than {bound}");
-        value
-    })
+    encode_from(
+        &model,
+        terrain.lattice().cells_log2(),
+        bound,
+        |(i, j), input| {
+            let value = i64::from(terrain.root().values[j as usize * side + i as usize]);
+            assert!(
+                (value - input).abs() <= bound,
+                "a root vertex is off by more than {bound}"
+            );
+            value
+        },
+    )
 }
 
 /// Descends through the first existing parents, whose ranges the codes refer to.
 fn summary_of(terrain: &Terrain, diamond: Diamond) -> kimberlite::cut::Summary {
-    let parent = terrain.lattice().parents(diamond).into_iter().flatten().next();
+    let parent = terrain
+        .lattice()
+        .parents(diamond)
+        .into_iter()
+        .flatten()
+        .next();
     let range = parent.map_or(terrain.range(), |parent| summary_of(terrain, parent).range);
     terrain.summary(diamond, range).unwrap()
 }

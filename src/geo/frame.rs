@@ -23,7 +23,10 @@ impl Frame {
     /// The frame of a raster.
     pub fn of(info: &RasterInfo) -> Frame {
         let g = &info.geotransform;
-        let centre = [f64::from(info.width - 1) / 2.0, f64::from(info.height - 1) / 2.0];
+        let centre = [
+            f64::from(info.width - 1) / 2.0,
+            f64::from(info.height - 1) / 2.0,
+        ];
         let centred = |step: [f64; 2]| Frame {
             origin: [-step[0] * centre[0], -step[1] * centre[1]],
             step,
@@ -37,16 +40,25 @@ impl Frame {
             let handedness = (g[1] * g[5] - g[2] * g[4]).signum();
             return centred([g[1].hypot(g[4]), handedness * g[2].hypot(g[5])]);
         }
-        Frame { origin: info.sample_to_crs(0.0, 0.0), step: [g[1], g[5]] }
+        Frame {
+            origin: info.sample_to_crs(0.0, 0.0),
+            step: [g[1], g[5]],
+        }
     }
 
     /// World x and y of a grid position.
     pub fn grid_to_world(&self, column: f64, row: f64) -> [f64; 2] {
-        [self.origin[0] + self.step[0] * column, self.origin[1] + self.step[1] * row]
+        [
+            self.origin[0] + self.step[0] * column,
+            self.origin[1] + self.step[1] * row,
+        ]
     }
 
     /// Grid position of world x and y.
     pub fn world_to_grid(&self, x: f64, y: f64) -> [f64; 2] {
-        [(x - self.origin[0]) / self.step[0], (y - self.origin[1]) / self.step[1]]
+        [
+            (x - self.origin[0]) / self.step[0],
+            (y - self.origin[1]) / self.step[1],
+        ]
     }
 }

@@ -19,7 +19,13 @@ pub(super) struct Bands<'a> {
 impl<'a> Bands<'a> {
     /// The rows of `window`, in samples of the even level `level`.
     pub(super) fn new(terrain: &'a Terrain, level: u32, window: Window) -> Bands<'a> {
-        Bands { terrain, level, window, samples: Vec::new(), rows: 0..0 }
+        Bands {
+            terrain,
+            level,
+            window,
+            samples: Vec::new(),
+            rows: 0..0,
+        }
     }
 
     /// Height of a band, but for the last.
@@ -37,8 +43,13 @@ impl<'a> Bands<'a> {
             self.rows = 0..0;
             let rows = self.band_rows().min(self.window.height - row);
             let width = self.window.width;
-            let band = Window { row: self.window.row + row, height: rows, ..self.window };
-            self.samples.resize(width as usize * rows as usize, f64::NAN);
+            let band = Window {
+                row: self.window.row + row,
+                height: rows,
+                ..self.window
+            };
+            self.samples
+                .resize(width as usize * rows as usize, f64::NAN);
             read_window(self.terrain, self.level, band, &mut self.samples)?;
             self.rows = row..row + rows;
         }

@@ -33,7 +33,9 @@ pub struct Speed {
 /// [`Error::Argument`] for a repository of a root alone; those of reading.
 pub fn bench(terrain: &Terrain) -> Result<Speed> {
     if terrain.lattice().diamond_count() == 0 {
-        return Err(Error::Argument("it holds nothing but its root: nothing to measure".into()));
+        return Err(Error::Argument(
+            "it holds nothing but its root: nothing to measure".into(),
+        ));
     }
     let mut random = Random(1);
     let decode_msamples_per_s = measure_decoding(terrain, &mut random)?;
@@ -50,7 +52,11 @@ fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
     let lattice = terrain.lattice();
     let chosen = choose(terrain, random);
     let vertices = prepare_vertices(terrain, &chosen)?;
-    let prepared = || chosen.iter().filter_map(|&diamond| Some((diamond, vertices.get(&diamond)?)));
+    let prepared = || {
+        chosen
+            .iter()
+            .filter_map(|&diamond| Some((diamond, vertices.get(&diamond)?)))
+    };
     // The first pass verifies checksums and warms the file.
     for (diamond, vertices) in prepared() {
         terrain.centres(diamond, vertices)?;
@@ -92,8 +98,14 @@ fn choose(terrain: &Terrain, random: &mut Random) -> Vec<Diamond> {
 fn prepare_vertices(terrain: &Terrain, chosen: &[Diamond]) -> Result<HashMap<Diamond, Matrix>> {
     let lattice = terrain.lattice();
     let mut generations: Vec<Vec<Diamond>> = vec![chosen.to_vec()];
-    while let Some(finer) = generations.last().filter(|finer| finer.first() != Some(&lattice.root())) {
-        let parents = finer.iter().flat_map(|&diamond| lattice.parents(diamond)).flatten();
+    while let Some(finer) = generations
+        .last()
+        .filter(|finer| finer.first() != Some(&lattice.root()))
+    {
+        let parents = finer
+            .iter()
+            .flat_map(|&diamond| lattice.parents(diamond))
+            .flatten();
         let parents: HashSet<Diamond> = parents.collect();
         generations.push(parents.into_iter().collect());
     }

@@ -53,7 +53,12 @@ pub fn extract(
         Some(corners) => window_of(raster, stride, corners)?,
         None => {
             let [width, height] = level_size(terrain, level)?;
-            Window { column: 0, row: 0, width, height }
+            Window {
+                column: 0,
+                row: 0,
+                width,
+                height,
+            }
         }
     };
     let info = resampled(raster, stride, window);
@@ -68,7 +73,11 @@ pub fn extract(
         }
         Ok(())
     })?;
-    Ok(Extracted { width: info.width, height: info.height, level })
+    Ok(Extracted {
+        width: info.width,
+        height: info.height,
+        level,
+    })
 }
 
 /// The samples whose columns and rows are multiples of `stride` and that lie in a box.
@@ -76,7 +85,9 @@ fn window_of(raster: &RasterInfo, stride: u32, [x0, y0, x1, y1]: [f64; 4]) -> Re
     let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
     let corners = corners.map(|[x, y]| raster.crs_to_sample(x, y));
     let [Some(a), Some(b), Some(c), Some(d)] = corners else {
-        return Err(Error::Argument("its geotransform has no inverse: no box can be cut out".into()));
+        return Err(Error::Argument(
+            "its geotransform has no inverse: no box can be cut out".into(),
+        ));
     };
     let span = |axis: usize, count: u32| -> Option<Range<u32>> {
         let along = [a[axis], b[axis], c[axis], d[axis]];
@@ -95,7 +106,9 @@ fn window_of(raster: &RasterInfo, stride: u32, [x0, y0, x1, y1]: [f64; 4]) -> Re
             width: columns.end - columns.start,
             height: rows.end - rows.start,
         }),
-        _ => Err(Error::Argument(format!("no sample lies in the box {x0} {y0} {x1} {y1}"))),
+        _ => Err(Error::Argument(format!(
+            "no sample lies in the box {x0} {y0} {x1} {y1}"
+        ))),
     }
 }
 

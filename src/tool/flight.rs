@@ -30,13 +30,55 @@ struct Keyframe {
 
 /// Overview, descent, low flight across, turns on the spot, and back up.
 const PATH: [Keyframe; 7] = [
-    Keyframe { time: 0.0, place: [0.5, -0.6], clearance: 0.7, heading: 0.0, dip: 35.0 },
-    Keyframe { time: 0.2, place: [0.1, 0.0], clearance: 0.4, heading: 30.0, dip: 40.0 },
-    Keyframe { time: 0.4, place: [0.15, 0.15], clearance: 0.01, heading: 45.0, dip: 12.0 },
-    Keyframe { time: 0.7, place: [0.75, 0.7], clearance: 0.006, heading: 50.0, dip: 8.0 },
-    Keyframe { time: 0.85, place: [0.78, 0.73], clearance: 0.01, heading: 320.0, dip: 10.0 },
-    Keyframe { time: 0.92, place: [0.7, 0.75], clearance: 0.05, heading: 240.0, dip: 60.0 },
-    Keyframe { time: 1.0, place: [0.6, 0.6], clearance: 0.6, heading: 225.0, dip: 89.0 },
+    Keyframe {
+        time: 0.0,
+        place: [0.5, -0.6],
+        clearance: 0.7,
+        heading: 0.0,
+        dip: 35.0,
+    },
+    Keyframe {
+        time: 0.2,
+        place: [0.1, 0.0],
+        clearance: 0.4,
+        heading: 30.0,
+        dip: 40.0,
+    },
+    Keyframe {
+        time: 0.4,
+        place: [0.15, 0.15],
+        clearance: 0.01,
+        heading: 45.0,
+        dip: 12.0,
+    },
+    Keyframe {
+        time: 0.7,
+        place: [0.75, 0.7],
+        clearance: 0.006,
+        heading: 50.0,
+        dip: 8.0,
+    },
+    Keyframe {
+        time: 0.85,
+        place: [0.78, 0.73],
+        clearance: 0.01,
+        heading: 320.0,
+        dip: 10.0,
+    },
+    Keyframe {
+        time: 0.92,
+        place: [0.7, 0.75],
+        clearance: 0.05,
+        heading: 240.0,
+        dip: 60.0,
+    },
+    Keyframe {
+        time: 1.0,
+        place: [0.6, 0.6],
+        clearance: 0.6,
+        heading: 225.0,
+        dip: 89.0,
+    },
 ];
 
 /// The views of `frames` frames over a terrain.
@@ -68,14 +110,21 @@ pub(super) fn views(
 
 /// Between the keyframes, with a smooth start and stop at each.
 fn moment(time: f64) -> Keyframe {
-    let next = PATH.iter().position(|key| key.time >= time).unwrap_or(PATH.len() - 1).max(1);
+    let next = PATH
+        .iter()
+        .position(|key| key.time >= time)
+        .unwrap_or(PATH.len() - 1)
+        .max(1);
     let (from, to) = (&PATH[next - 1], &PATH[next]);
     let share = ((time - from.time) / (to.time - from.time)).clamp(0.0, 1.0);
     let share = share * share * (3.0 - 2.0 * share);
     let mix = |a: f64, b: f64| a + (b - a) * share;
     Keyframe {
         time,
-        place: [mix(from.place[0], to.place[0]), mix(from.place[1], to.place[1])],
+        place: [
+            mix(from.place[0], to.place[0]),
+            mix(from.place[1], to.place[1]),
+        ],
         // Heights shrink and grow by the same share a frame.
         clearance: from.clearance * (to.clearance / from.clearance).powf(share),
         heading: mix(from.heading, to.heading),
@@ -96,7 +145,10 @@ impl Stage {
         let raster = &header.raster;
         let frame = Frame::of(raster);
         let first = frame.grid_to_world(0.0, 0.0);
-        let last = [f64::from(raster.width) - 1.0, f64::from(raster.height) - 1.0];
+        let last = [
+            f64::from(raster.width) - 1.0,
+            f64::from(raster.height) - 1.0,
+        ];
         let last = frame.grid_to_world(last[0], last[1]);
         let middle = (header.sample_min + header.sample_max) / 2.0;
         Stage {

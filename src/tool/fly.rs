@@ -2,7 +2,7 @@
 
 use super::cracks::count_cracks;
 use super::{Progress, flight, quantile};
-use crate::cut::{Cut, CutOptions, Stats, Terrain, VertexForm};
+use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, VertexForm};
 use crate::schedule::Budget;
 use crate::{Error, Result};
 use std::sync::Arc;
@@ -57,11 +57,18 @@ pub struct FlightReport {
 pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Result<FlightReport> {
     check(flight)?;
     let views = flight::views(terrain, flight.frames, flight.viewport, flight.tolerance)?;
-    let mut cut = Cut::new(terrain.clone(), CutOptions { vertex_form: VertexForm::Expanded })?;
+    let mut cut = Cut::new(
+        terrain.clone(),
+        CutOptions {
+            vertex_form: VertexForm::Expanded,
+        },
+    )?;
     let budget = Budget {
-        microseconds: flight.budget_microseconds.unwrap_or(Budget::UNLIMITED),
-        ..Budget::unlimited()
+        microseconds: flight.budget_microseconds.unwrap_or(u64::MAX),
+        ..Budget::UNLIMITED
     };
+    // Beside a void a triangle may be missing.
+    let has_voids = terrain.header().void_samples > 0;
     let mut log = Log::default();
     for (frame, view) in views.iter().enumerate() {
         if !progress(frame as u64, views.len() as u64) {
@@ -72,7 +79,15 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         let microseconds = start.elapsed().as_secs_f64() * 1e6;
         // As a program that draws would, so that the lists of changes do not pile up.
         cut.take_changes();
-        log.add(&stats, microseconds, count_cracks(cut.all_patches().map(Arc::as_ref)));
+        log.add(
+            &stats,
+            microseconds,
+            count_cracks(
+                cut.all_patches().map(Arc::as_ref),
+                terrain.lattice(),
+                |_, _| has_voids,
+            ),
+        );
     }
     Ok(log.report())
 }
@@ -81,9 +96,15 @@ fn check(flight: &Flight) -> Result<()> {
     let problem = if flight.frames == 0 {
         "a flight needs at least one frame".to_owned()
     } else if flight.viewport.contains(&0) {
-        format!("a picture of {} x {} has no pixels", flight.viewport[0], flight.viewport[1])
+        format!(
+            "a picture of {} x {} has no pixels",
+            flight.viewport[0], flight.viewport[1]
+        )
     } else if !(flight.tolerance > 0.0 && flight.tolerance.is_finite()) {
-        format!("the tolerance must be a positive number of pixels, not {}", flight.tolerance)
+        format!(
+            "the tolerance must be a positive number of pixels, not {}",
+            flight.tolerance
+        )
     } else {
         return Ok(());
     };

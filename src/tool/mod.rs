@@ -3,6 +3,7 @@
 
 mod bands;
 mod bench;
+mod cracks;
 mod extract;
 mod flight;
 mod fly;
@@ -12,6 +13,7 @@ pub mod raster_file;
 mod verify;
 
 pub use bench::{Speed, bench};
+pub use cracks::count_cracks;
 pub use extract::{Extract, Extracted, extract};
 pub use fly::{Flight, FlightReport, fly};
 pub use memory::peak_memory_bytes;

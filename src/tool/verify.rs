@@ -68,7 +68,11 @@ pub fn verify(
     let kept = comparison.is_none_or(|found| {
         found.max_error <= terrain.header().max_error_bound && found.void_mismatches == 0
     });
-    Ok(Verdict { ok: damage.is_empty() && kept, damage, comparison })
+    Ok(Verdict {
+        ok: damage.is_empty() && kept,
+        damage,
+        comparison,
+    })
 }
 
 fn check_shape(terrain: &Terrain, source: &dyn RasterSource) -> Result<()> {
@@ -91,7 +95,13 @@ fn broken_checksums(terrain: &Terrain) -> Vec<DamagedBlocks> {
             0 => format!("level {} diamond ({}, {})", first.level(), first.x, first.y),
             more => format!(
                 "level {} diamond ({}, {}) to level {} diamond ({}, {}), {} diamonds",
-                first.level(), first.x, first.y, last.level(), last.x, last.y, more + 1
+                first.level(),
+                first.x,
+                first.y,
+                last.level(),
+                last.x,
+                last.y,
+                more + 1
             ),
         };
         DamagedBlocks {
@@ -110,7 +120,12 @@ fn decode_all(
     progress: Progress,
 ) -> Result<Vec<DamagedBlocks>> {
     let raster = &terrain.header().raster;
-    let window = Window { column: 0, row: 0, width: raster.width, height: raster.height };
+    let window = Window {
+        column: 0,
+        row: 0,
+        width: raster.width,
+        height: raster.height,
+    };
     let mut bands = Bands::new(terrain, terrain.lattice().levels(), window);
     let mut damage: Vec<DamagedBlocks> = Vec::new();
     let mut input = vec![f64::NAN; raster.width as usize];
@@ -125,7 +140,10 @@ fn decode_all(
                 Ok(decoded) => decoded,
                 Err(Error::Damaged { message, .. }) => {
                     if damage.iter().all(|known| known.description != message) {
-                        damage.push(DamagedBlocks { blocks: 1, description: message });
+                        damage.push(DamagedBlocks {
+                            blocks: 1,
+                            description: message,
+                        });
                     }
                     break;
                 }

@@ -19,7 +19,8 @@ impl Model {
             let ground = if leaf {
                 valid.all(|valid| valid)
             } else {
-                valid.any(|valid| valid)
+                let outside = |point: &Point| lattice.sample(*point).is_none();
+                valid.any(|valid| valid) || triangle.iter().all(outside)
             };
             ground && overlap(triangle, &lattice.domain())
         });

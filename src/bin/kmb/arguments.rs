@@ -21,9 +21,7 @@ pub enum Command {
     /// Make a repository out of a raster
     Build(Build),
     /// Say what a repository holds
-    Info {
-        file: PathBuf,
-    },
+    Info { file: PathBuf },
     /// Check a repository, and its distance from its input
     Verify {
         file: PathBuf,
@@ -38,16 +36,10 @@ pub enum Command {
     /// Measure a flight over a repository, and look for cracks
     Fly(Fly),
     /// Measure how fast blocks are read and decoded
-    Bench {
-        file: PathBuf,
-    },
+    Bench { file: PathBuf },
     /// The height at a place in the raster's reference system
     #[command(allow_negative_numbers = true)]
-    Height {
-        file: PathBuf,
-        x: f64,
-        y: f64,
-    },
+    Height { file: PathBuf, x: f64, y: f64 },
 }
 
 impl Command {
@@ -166,7 +158,12 @@ pub struct Fly {
     #[arg(long, value_name = "WxH", default_value = "1280x1024", value_parser = size)]
     pub size: [u32; 2],
     /// Largest error on screen, in pixels
-    #[arg(long, value_name = "PX", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "PX",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
     pub tolerance: f64,
     /// Time for refinement in a frame, in microseconds; unlimited by default
     #[arg(long, value_name = "N")]
@@ -187,6 +184,8 @@ fn raw_shape(text: &str) -> Result<(u32, u32, SampleType), String> {
 
 fn size(text: &str) -> Result<[u32; 2], String> {
     let parse = |text: &str| text.parse::<u32>().ok().filter(|&pixels| pixels > 0);
-    let sides = text.split_once('x').and_then(|(w, h)| Some([parse(w)?, parse(h)?]));
+    let sides = text
+        .split_once('x')
+        .and_then(|(w, h)| Some([parse(w)?, parse(h)?]));
     sides.ok_or_else(|| "expected WxH, as in 1280x1024".to_owned())
 }

@@ -27,7 +27,10 @@ pub struct Outcome {
 
 impl From<Report> for Outcome {
     fn from(report: Report) -> Outcome {
-        Outcome { report, failure: None }
+        Outcome {
+            report,
+            failure: None,
+        }
     }
 }
 
@@ -35,7 +38,11 @@ pub fn run(command: &Command) -> Result<Outcome> {
     match command {
         Command::Build(arguments) => build(arguments).map(Outcome::from),
         Command::Info { file } => info(file).map(Outcome::from),
-        Command::Verify { file, against, source } => verify(file, against, source),
+        Command::Verify {
+            file,
+            against,
+            source,
+        } => verify(file, against, source),
         Command::Extract(arguments) => extract(arguments).map(Outcome::from),
         Command::Fly(arguments) => fly(arguments).map(Outcome::from),
         Command::Bench { file } => bench(file).map(Outcome::from),
@@ -69,7 +76,10 @@ fn build(arguments: &arguments::Build) -> Result<Report> {
     Ok(Report::default()
         .with("samples", built.samples)
         .with("bytes", built.bytes)
-        .with("bits_per_sample", bits_per_sample(built.bytes, built.samples, built.void_samples))
+        .with(
+            "bits_per_sample",
+            bits_per_sample(built.bytes, built.samples, built.void_samples),
+        )
         .with("max_error", built.max_error)
         .with("rms_error", built.rms_error)
         .with("seconds", start.elapsed().as_secs_f64())
@@ -87,8 +97,11 @@ fn info(file: &Path) -> Result<Report> {
     let (header, store) = (terrain.header(), terrain.store());
     let raster = &header.raster;
     let bytes = store.file_bytes();
-    let metadata: Map<String, Value> =
-        raster.metadata.iter().map(|(key, value)| (key.clone(), readable(value).into())).collect();
+    let metadata: Map<String, Value> = raster
+        .metadata
+        .iter()
+        .map(|(key, value)| (key.clone(), readable(value).into()))
+        .collect();
     let kind = match header.kind {
         Kind::Heights => "heights",
         Kind::Colours => "colours",
@@ -123,7 +136,10 @@ fn info(file: &Path) -> Result<Report> {
         .with("void_samples", header.void_samples)
         .with("bytes", bytes)
         .with("payload_bytes", store.payload_bytes())
-        .with("bits_per_sample", bits_per_sample(bytes, header.samples, header.void_samples))
+        .with(
+            "bits_per_sample",
+            bits_per_sample(bytes, header.samples, header.void_samples),
+        )
         .with("max_error", header.max_error)
         .with("max_error_bound", header.max_error_bound)
         .with("rms_error", header.rms_error)
@@ -147,7 +163,9 @@ fn info(file: &Path) -> Result<Report> {
 
 /// Text as it is, without the zeros that end it; other bytes as hexadecimal digits.
 fn readable(bytes: &[u8]) -> String {
-    let text = std::str::from_utf8(bytes).ok().map(|text| text.trim_end_matches('\0'));
+    let text = std::str::from_utf8(bytes)
+        .ok()
+        .map(|text| text.trim_end_matches('\0'));
     match text.filter(|text| !text.contains(|c: char| c.is_control() && !c.is_whitespace())) {
         Some(text) => text.to_owned(),
         None => bytes.iter().map(|byte| format!("{byte:02x}")).collect(),
@@ -162,7 +180,10 @@ fn verify(file: &Path, against: &[PathBuf], source: &arguments::Source) -> Resul
                 .with("ok", false)
                 .with("damaged_blocks", Value::Null)
                 .with("damage", vec![message.clone()]);
-            return Ok(Outcome { report, failure: Some(format!("damaged: {message}")) });
+            return Ok(Outcome {
+                report,
+                failure: Some(format!("damaged: {message}")),
+            });
         }
         opened => opened?,
     };
@@ -175,7 +196,11 @@ fn verify(file: &Path, against: &[PathBuf], source: &arguments::Source) -> Resul
     // The closure shortens the lifetime of the trait object inside the box.
     let against = source.as_mut().map(|source| source.as_mut() as _);
     let verdict = tool::verify(&terrain, against, &mut step)?;
-    let damage: Vec<&str> = verdict.damage.iter().map(|d| d.description.as_str()).collect();
+    let damage: Vec<&str> = verdict
+        .damage
+        .iter()
+        .map(|d| d.description.as_str())
+        .collect();
     let mut report = Report::default()
         .with("ok", verdict.ok)
         .with("damaged_blocks", verdict.damaged_blocks())
@@ -194,15 +219,20 @@ fn verify(file: &Path, against: &[PathBuf], source: &arguments::Source) -> Resul
 fn failure(verdict: &Verdict, bound: f64) -> Option<String> {
     match (verdict.ok, &verdict.damage[..], verdict.comparison) {
         (true, ..) => None,
-        (false, [first, ..], _) => {
-            Some(format!("{} damaged blocks: {}", verdict.damaged_blocks(), first.description))
-        }
-        (false, [], Some(found)) if found.void_mismatches > 0 => {
-            Some(format!("{} samples are void only here or only there", found.void_mismatches))
-        }
+        (false, [first, ..], _) => Some(format!(
+            "{} damaged blocks: {}",
+            verdict.damaged_blocks(),
+            first.description
+        )),
+        (false, [], Some(found)) if found.void_mismatches > 0 => Some(format!(
+            "{} samples are void only here or only there",
+            found.void_mismatches
+        )),
         (false, [], found) => {
             let max_error = found.map_or(f64::NAN, |found| found.max_error);
-            Some(format!("the max error of {max_error} exceeds the stored bound {bound}"))
+            Some(format!(
+                "the max error of {max_error} exceeds the stored bound {bound}"
+            ))
         }
     }
 }
@@ -212,7 +242,10 @@ fn extract(arguments: &arguments::Extract) -> Result<Report> {
         Some(&[x0, y0, x1, y1]) => Some([x0, y0, x1, y1]),
         _ => None,
     };
-    let what = Extract { level: arguments.level, corners };
+    let what = Extract {
+        level: arguments.level,
+        corners,
+    };
     let terrain = open(&arguments.file)?;
     let progress = start_progress("extracting", &arguments.file)?;
     let mut step = |done, total| progress.step(done, total);
@@ -266,7 +299,11 @@ fn height(file: &Path, x: f64, y: f64) -> Result<Report> {
             (0.0..=f64::from(raster.width) - 1.0).contains(&column)
                 && (0.0..=f64::from(raster.height) - 1.0).contains(&row)
         });
-        let cause = if inside { "is void" } else { "is outside the raster's samples" };
+        let cause = if inside {
+            "is void"
+        } else {
+            "is outside the raster's samples"
+        };
         return Err(Error::Argument(format!("({x}, {y}) {cause}")));
     };
     Ok(Report::default()

@@ -32,25 +32,39 @@ fn main() -> ExitCode {
     })));
     let outcome = commands::run(&arguments.command).and_then(|outcome| {
         let json = arguments.json;
-        show(&if json { outcome.report.json() } else { outcome.report.text() })?;
+        show(&if json {
+            outcome.report.json()
+        } else {
+            outcome.report.text()
+        })?;
         Ok(outcome.failure)
     });
     match outcome {
         Ok(None) => ExitCode::SUCCESS,
         Ok(Some(failure)) => {
-            complain(&format!("{}: {failure}", arguments.command.subject().display()));
+            complain(&format!(
+                "{}: {failure}",
+                arguments.command.subject().display()
+            ));
             ExitCode::from(FAILED)
         }
         Err(error) => {
             complain(&describe(&error, arguments.command.subject()));
-            ExitCode::from(if matches!(error, Error::Cancelled) { INTERRUPTED } else { BAD })
+            ExitCode::from(if matches!(error, Error::Cancelled) {
+                INTERRUPTED
+            } else {
+                BAD
+            })
         }
     }
 }
 
 /// Help goes to standard output; a mistake becomes one line.
 fn usage(error: &clap::Error) -> ExitCode {
-    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
+    if matches!(
+        error.kind(),
+        ErrorKind::DisplayHelp | ErrorKind::DisplayVersion
+    ) {
         return match error.print() {
             Ok(()) => ExitCode::SUCCESS,
             Err(_) => ExitCode::from(BAD),
@@ -80,10 +94,14 @@ fn complain(message: &str) {
 /// Prints the result. A reader that has gone away wanted no more.
 fn show(text: &str) -> kimberlite::Result<()> {
     let mut output = io::stdout().lock();
-    match output.write_all(text.as_bytes()).and_then(|()| output.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            Err(Error::io(Path::new("standard output"), "cannot write")(error))
-        }
+    match output
+        .write_all(text.as_bytes())
+        .and_then(|()| output.flush())
+    {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Error::io(
+            Path::new("standard output"),
+            "cannot write",
+        )(error)),
         _ => Ok(()),
     }
 }

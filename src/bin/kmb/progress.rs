@@ -17,8 +17,13 @@ impl Progress {
     pub fn start(task: &'static str) -> io::Result<Progress> {
         let stop = Arc::new(AtomicBool::new(false));
         let asked = stop.clone();
-        ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed)).map_err(io::Error::other)?;
-        let bar = if io::stderr().is_terminal() { ProgressBar::new(0) } else { ProgressBar::hidden() };
+        ctrlc::set_handler(move || asked.store(true, Ordering::Relaxed))
+            .map_err(io::Error::other)?;
+        let bar = if io::stderr().is_terminal() {
+            ProgressBar::new(0)
+        } else {
+            ProgressBar::hidden()
+        };
         let style = ProgressStyle::with_template("{msg} {wide_bar} {percent:>3} % {eta:>5}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar.set_message(task);

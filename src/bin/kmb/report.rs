@@ -17,14 +17,22 @@ impl Report {
 
     /// One line of JSON.
     pub fn json(self) -> String {
-        let object: Map<String, Value> =
-            self.entries.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        let object: Map<String, Value> = self
+            .entries
+            .into_iter()
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect();
         format!("{}\n", Value::Object(object))
     }
 
     /// A line for every name that has a value; of a list or an object, a line for each entry.
     pub fn text(self) -> String {
-        let longest = self.entries.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+        let longest = self
+            .entries
+            .iter()
+            .map(|(name, _)| name.len())
+            .max()
+            .unwrap_or(0);
         let mut text = String::new();
         for (name, value) in self.entries {
             for value in lines(value) {
@@ -40,11 +48,21 @@ fn lines(value: Value) -> Vec<String> {
         Value::Null => Vec::new(),
         Value::String(text) => vec![text],
         Value::Array(entries) if entries.iter().all(Value::is_number) => {
-            vec![entries.iter().map(Value::to_string).collect::<Vec<_>>().join(" ")]
+            vec![
+                entries
+                    .iter()
+                    .map(Value::to_string)
+                    .collect::<Vec<_>>()
+                    .join(" "),
+            ]
         }
         Value::Array(entries) => entries.into_iter().flat_map(lines).collect(),
         Value::Object(entries) => {
-            let entry = |(name, value)| lines(value).into_iter().map(move |v| format!("{name} = {v}"));
+            let entry = |(name, value)| {
+                lines(value)
+                    .into_iter()
+                    .map(move |v| format!("{name} = {v}"))
+            };
             entries.into_iter().flat_map(entry).collect()
         }
         Value::Bool(_) | Value::Number(_) => vec![value.to_string()],
