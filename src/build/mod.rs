@@ -1,1 +1,9 @@
-//! Filled in below.
+//! Floor 3: from a raster to a repository. Knows neither views nor the C boundary.
+
+mod builder;
+mod plane;
+pub mod source;
+mod surface;
+mod workers;
+
+pub use builder::{BuildOptions, BuildReport, build};

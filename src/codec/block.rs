@@ -11,6 +11,9 @@ pub enum BlockError {
     /// The coefficients are not what their coder writes.
     #[error(transparent)]
     Coefficients(#[from] entropy::Error),
+    /// Bytes follow the last coefficient.
+    #[error("it goes on after its last coefficient")]
+    Surplus,
     /// The void mask's length runs beyond the block.
     #[error("its void mask is longer than the block")]
     Mask,
@@ -20,6 +23,8 @@ pub enum BlockError {
 pub struct BlockCodec {
     cells: usize,
     has_voids: bool,
+    /// Most zero bytes that may follow a block, to fill the file's unit of length.
+    padding: usize,
     transform: Box<dyn Transform>,
 }
 
@@ -27,7 +32,12 @@ impl BlockCodec {
     /// A codec for diamonds of `cells` cells; `has_voids` says whether any sample of the whole raster
     /// is void, so that rasters without any spend nothing on masks.
     pub fn new(cells: usize, has_voids: bool, transform: Box<dyn Transform>) -> BlockCodec {
-        BlockCodec { cells, has_voids, transform }
+        BlockCodec {
+            cells,
+            has_voids,
+            padding: usize::from(block_length_unit(cells)) - 1,
+            transform,
+        }
     }
 
     /// Bytes for the samples (N^2, in units) of a diamond.
@@ -45,7 +55,8 @@ impl BlockCodec {
         let coded = coded_centres(codable, voids);
         let mut coefficients = vec![0; self.cells * self.cells];
         let mask = coded.as_deref();
-        self.transform.analyse(&vertices.values, samples, mask, &mut coefficients);
+        self.transform
+            .analyse(&vertices.values, samples, mask, &mut coefficients);
         let zero = coefficients.iter().all(|&coefficient| coefficient == 0);
         let all_void = coded.as_ref().is_some_and(|coded| !coded.contains(&1));
         let by_default = self.has_voids && all_void_by_default(vertices);
@@ -92,13 +103,21 @@ impl BlockCodec {
             let coded = coded_centres(codable, voids.as_deref());
             let mut bits = BitReader::new(rest);
             gamma::decode(&mut bits, self.cells, coded.as_deref(), &mut coefficients)?;
-            bits.finish()?;
+            let used = bits.position().div_ceil(8);
+            let surplus = rest.get(used..).unwrap_or_default();
+            if surplus.len() > self.padding || surplus.iter().any(|&byte| byte != 0) {
+                return Err(BlockError::Surplus);
+            }
             voids
         };
-        self.transform.synthesise(&vertices.values, &coefficients, &mut centres);
+        self.transform
+            .synthesise(&vertices.values, &coefficients, &mut centres);
         Ok(match coded_centres(codable, voids.as_deref()) {
             Some(valid) => Matrix::new(centres, valid),
-            None => Matrix { values: centres, valid: None },
+            None => Matrix {
+                values: centres,
+                valid: None,
+            },
         })
     }
 
@@ -120,6 +139,11 @@ impl BlockCodec {
     }
 }
 
+/// Bytes that a block's length is a multiple of, so that every possible length fits 16 bits.
+pub fn block_length_unit(cells: usize) -> u8 {
+    if cells > 64 { 4 } else { 1 }
+}
+
 /// What the empty block means for voids: a diamond without any valid vertex is void throughout, any
 /// other has no void.
 fn all_void_by_default(vertices: &Matrix) -> bool {
@@ -132,9 +156,13 @@ fn coded_centres(codable: Option<&[u8]>, voids: Option<&[u8]>) -> Option<Box<[u8
         (None, None) => None,
         (Some(codable), None) => Some(codable.into()),
         (None, Some(voids)) => Some(voids.iter().map(|&void| 1 - void).collect()),
-        (Some(codable), Some(voids)) => {
-            Some(codable.iter().zip(voids).map(|(&codable, &void)| codable & (1 - void)).collect())
-        }
+        (Some(codable), Some(voids)) => Some(
+            codable
+                .iter()
+                .zip(voids)
+                .map(|(&codable, &void)| codable & (1 - void))
+                .collect(),
+        ),
     }
 }
 

@@ -21,7 +21,10 @@ impl ErrorCode {
 
     /// The least code whose value is at least `error` (units, not negative; NaN counts as unbounded).
     pub fn covering(error: f64) -> ErrorCode {
-        (0..=255).map(ErrorCode).find(|code| code.value() >= error).unwrap_or(Self::UNBOUNDED)
+        (0..=255)
+            .map(ErrorCode)
+            .find(|code| code.value() >= error)
+            .unwrap_or(Self::UNBOUNDED)
     }
 
     /// The bound in units; infinite where unbounded.

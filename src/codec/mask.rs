@@ -9,12 +9,9 @@ type Contexts = [Probability; 128];
 /// Context of centre (i, j): one bit for each void vertex around it and each void neighbour before it.
 fn context(cells: usize, vertices: Option<&[u8]>, voids: &[u8], index: usize) -> usize {
     let (i, j) = (index % cells, index / cells);
-    let corner = |i: usize, j: usize| {
-        vertices.is_some_and(|valid| valid[j * (cells + 1) + i] == 0) as usize
-    };
-    let neighbour = |present: bool, back: usize| {
-        (present && voids[index - back] != 0) as usize
-    };
+    let corner =
+        |i: usize, j: usize| vertices.is_some_and(|valid| valid[j * (cells + 1) + i] == 0) as usize;
+    let neighbour = |present: bool, back: usize| (present && voids[index - back] != 0) as usize;
     corner(i, j)
         | corner(i + 1, j) << 1
         | corner(i, j + 1) << 2

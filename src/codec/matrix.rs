@@ -16,7 +16,10 @@ impl Matrix {
     /// A matrix with an explicit mask, which is dropped when it says nothing.
     pub fn new(values: Box<[i32]>, valid: Box<[u8]>) -> Matrix {
         let all = valid.iter().all(|&entry| entry != 0);
-        Matrix { values, valid: if all { None } else { Some(valid) } }
+        Matrix {
+            values,
+            valid: if all { None } else { Some(valid) },
+        }
     }
 
     /// Whether the entry is a sample's height.
@@ -26,7 +29,9 @@ impl Matrix {
 
     /// Whether any entry is a sample's height.
     pub fn any_valid(&self) -> bool {
-        self.valid.as_ref().is_none_or(|valid| valid.iter().any(|&entry| entry != 0))
+        self.valid
+            .as_ref()
+            .is_none_or(|valid| valid.iter().any(|&entry| entry != 0))
     }
 }
 
@@ -39,7 +44,10 @@ pub fn child_vertices(
 ) -> Matrix {
     let side = lattice.cells() + 1;
     let mut values = vec![0; side * side].into_boxed_slice();
-    let masked = parents.iter().flatten().any(|(v, c)| v.valid.is_some() || c.valid.is_some());
+    let masked = parents
+        .iter()
+        .flatten()
+        .any(|(v, c)| v.valid.is_some() || c.valid.is_some());
     let mut valid = masked.then(|| vec![1u8; side * side].into_boxed_slice());
     let ids = lattice.parents(child);
     for half in 0..2 {
@@ -62,7 +70,10 @@ pub fn child_vertices(
     }
     match valid {
         Some(valid) => Matrix::new(values, valid),
-        None => Matrix { values, valid: None },
+        None => Matrix {
+            values,
+            valid: None,
+        },
     }
 }
 

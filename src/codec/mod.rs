@@ -8,7 +8,7 @@ mod matrix;
 mod roots;
 mod units;
 
-pub use block::{BlockCodec, BlockError};
+pub use block::{BlockCodec, BlockError, block_length_unit};
 pub use bounds::{ErrorCode, RangeCode};
 pub use matrix::{Matrix, child_vertices, codable_centres};
 pub use roots::RootCodec;

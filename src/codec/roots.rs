@@ -17,7 +17,11 @@ impl<'a> RootCodec<'a> {
     /// A codec for the root of `lattice`, with the quantiser's bound e and the range of units.
     pub fn new(lattice: &'a Lattice, bound: i32, range: [i32; 2]) -> RootCodec<'a> {
         let quantiser = Interpolating::new(lattice.cells(), bound, range[0], range[1]);
-        RootCodec { lattice, quantiser, range }
+        RootCodec {
+            lattice,
+            quantiser,
+            range,
+        }
     }
 
     /// Bytes for the root's vertices; `samples` gives the unit of a sample by column and row, or `None`
@@ -54,10 +58,7 @@ impl<'a> RootCodec<'a> {
 
     /// Visits the vertices inside the raster row by row. `visit` gets the position, the number of void
     /// neighbours before it and the prediction, and returns the height unless void.
-    fn scan(
-        &self,
-        mut visit: impl FnMut([i64; 2], usize, i32) -> Option<i32>,
-    ) -> Matrix {
+    fn scan(&self, mut visit: impl FnMut([i64; 2], usize, i32) -> Option<i32>) -> Matrix {
         let side = self.lattice.cells() + 1;
         let placement = self.lattice.placement(self.lattice.root());
         let middle = ((i64::from(self.range[0]) + i64::from(self.range[1])) / 2) as i32;
@@ -77,7 +78,11 @@ impl<'a> RootCodec<'a> {
                 (None, None) => middle,
             };
             let prediction = prediction.clamp(self.range[0], self.range[1]);
-            let voids = [left, up].into_iter().flatten().filter(|&n| valid[n] == 0).count();
+            let voids = [left, up]
+                .into_iter()
+                .flatten()
+                .filter(|&n| valid[n] == 0)
+                .count();
             let height = visit(at, voids, prediction);
             valid[index] = u8::from(height.is_some());
             values[index] = height.unwrap_or(prediction);
@@ -89,18 +94,28 @@ impl<'a> RootCodec<'a> {
     fn carry_nearest(&self, matrix: &mut Matrix) {
         let Some(valid) = &matrix.valid else { return };
         let side = self.lattice.cells() + 1;
-        let known: Vec<usize> = (0..side * side).filter(|&index| valid[index] != 0).collect();
+        let known: Vec<usize> = (0..side * side)
+            .filter(|&index| valid[index] != 0)
+            .collect();
         let middle = ((i64::from(self.range[0]) + i64::from(self.range[1])) / 2) as i32;
         let nearest = |index: usize| {
             let square = |other: usize| {
-                let (di, dj) = ((index % side).abs_diff(other % side), (index / side).abs_diff(other / side));
+                let (di, dj) = (
+                    (index % side).abs_diff(other % side),
+                    (index / side).abs_diff(other / side),
+                );
                 di * di + dj * dj
             };
             known.iter().copied().min_by_key(|&other| square(other))
         };
         let carried: Vec<(usize, i32)> = (0..side * side)
             .filter(|&index| valid[index] == 0)
-            .map(|index| (index, nearest(index).map_or(middle, |other| matrix.values[other])))
+            .map(|index| {
+                (
+                    index,
+                    nearest(index).map_or(middle, |other| matrix.values[other]),
+                )
+            })
             .collect();
         for (index, height) in carried {
             matrix.values[index] = height;

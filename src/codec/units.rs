@@ -62,12 +62,18 @@ impl Units {
         };
         if info.sample_type.is_integer() {
             // Only u32 goes beyond i32; it is moved down to it.
-            units.offset = if sample_range[1] > f64::from(i32::MAX) { 2_147_483_648.0 } else { 0.0 };
+            units.offset = if sample_range[1] > f64::from(i32::MAX) {
+                2_147_483_648.0
+            } else {
+                0.0
+            };
             let bound = max_error.floor().min(GREATEST_BOUND) as i32;
             units.bound = bound - i32::from(bound > 0 && units.nodata_is_in_range());
         } else if max_error == 0.0 {
             let unit = unit.ok_or_else(|| {
-                Error::Argument("maximum error 0 on floats needs the unit they are multiples of".into())
+                Error::Argument(
+                    "maximum error 0 on floats needs the unit they are multiples of".into(),
+                )
             })?;
             units.scale = unit;
         } else {
@@ -104,7 +110,9 @@ impl Units {
     fn output_rounding(&self) -> f64 {
         let magnitude = self.sample_range[0].abs().max(self.sample_range[1].abs());
         let ulp = match self.sample_type {
-            SampleType::F32 => f64::from((magnitude as f32).next_up()) - f64::from(magnitude as f32),
+            SampleType::F32 => {
+                f64::from((magnitude as f32).next_up()) - f64::from(magnitude as f32)
+            }
             _ => magnitude.next_up() - magnitude,
         };
         // Half an ulp to round; the rest for the arithmetic, and for a step off the nodata value.
@@ -113,9 +121,8 @@ impl Units {
     }
 
     fn nodata_is_in_range(&self) -> bool {
-        self.nodata.is_some_and(|nodata| {
-            self.sample_range[0] <= nodata && nodata <= self.sample_range[1]
-        })
+        self.nodata
+            .is_some_and(|nodata| self.sample_range[0] <= nodata && nodata <= self.sample_range[1])
     }
 
     /// The unit nearest to a valid sample.
@@ -156,15 +163,18 @@ impl Units {
         let tens = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
         let twos = (1..=20).map(|bits| 1.0 / f64::from(1 << bits));
         tens.into_iter().chain(twos).find(|&unit| {
-            samples.iter().filter(|sample| !sample.is_nan()).all(|&sample| {
-                let count = (sample / unit).round();
-                let restored = count * unit;
-                let restored = match sample_type {
-                    SampleType::F32 => f64::from(restored as f32),
-                    _ => restored,
-                };
-                count.abs() < GREATEST_FLOAT_UNIT && restored == sample
-            })
+            samples
+                .iter()
+                .filter(|sample| !sample.is_nan())
+                .all(|&sample| {
+                    let count = (sample / unit).round();
+                    let restored = count * unit;
+                    let restored = match sample_type {
+                        SampleType::F32 => f64::from(restored as f32),
+                        _ => restored,
+                    };
+                    count.abs() < GREATEST_FLOAT_UNIT && restored == sample
+                })
         })
     }
 }

@@ -5,7 +5,7 @@
 //! Zero bytes at the end are dropped, because the decoder reads zeros there anyway.
 
 /// How likely a decision is, learned from those before it in the same context: fast at first,
-/// then as a moving average over about 2^[`SLOWEST`](Self::SLOWEST) decisions.
+/// then as a moving average over about 64 decisions.
 #[derive(Clone, Copy, Debug)]
 pub struct Probability {
     /// Of `true`, in units of 2^-16; never 0.
@@ -16,7 +16,10 @@ pub struct Probability {
 
 impl Default for Probability {
     fn default() -> Probability {
-        Probability { of_true: 1 << 15, seen: 0 }
+        Probability {
+            of_true: 1 << 15,
+            seen: 0,
+        }
     }
 }
 
@@ -56,7 +59,11 @@ pub struct BinaryEncoder {
 
 impl Default for BinaryEncoder {
     fn default() -> BinaryEncoder {
-        BinaryEncoder { bytes: Vec::new(), low: 0, range: u32::MAX }
+        BinaryEncoder {
+            bytes: Vec::new(),
+            low: 0,
+            range: u32::MAX,
+        }
     }
 }
 
@@ -90,7 +97,12 @@ impl BinaryEncoder {
         let end = low + u64::from(self.range);
         let roundest = (0..=32).rev().map(|bits| low.next_multiple_of(1 << bits));
         // Rounded to one, `low` stays itself: some number always lies inside.
-        self.raise(roundest.into_iter().find(|number| *number < end).unwrap_or(low));
+        self.raise(
+            roundest
+                .into_iter()
+                .find(|number| *number < end)
+                .unwrap_or(low),
+        );
         self.bytes.extend_from_slice(&self.low.to_be_bytes());
         while self.bytes.last() == Some(&0) {
             self.bytes.pop();
@@ -126,7 +138,11 @@ pub struct BinaryDecoder<'a> {
 impl<'a> BinaryDecoder<'a> {
     /// Starts at the first decision of what [`BinaryEncoder::finish`] gave.
     pub fn new(bytes: &'a [u8]) -> BinaryDecoder<'a> {
-        let mut decoder = BinaryDecoder { bytes: bytes.iter(), offset: 0, range: u32::MAX };
+        let mut decoder = BinaryDecoder {
+            bytes: bytes.iter(),
+            offset: 0,
+            range: u32::MAX,
+        };
         for _ in 0..4 {
             decoder.shift();
         }

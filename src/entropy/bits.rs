@@ -39,7 +39,8 @@ impl BitWriter {
     pub fn into_bytes(mut self) -> Vec<u8> {
         if self.filled > 0 {
             let word = (self.pending << (64 - self.filled)).to_be_bytes();
-            self.bytes.extend(word.iter().take(self.filled.div_ceil(8) as usize));
+            self.bytes
+                .extend(word.iter().take(self.filled.div_ceil(8) as usize));
         }
         self.bytes
     }
@@ -110,7 +111,9 @@ impl<'a> BitReader<'a> {
             return Err(Error::Truncated);
         }
         if self.position.div_ceil(8) < self.bytes.len() || self.peek() != 0 {
-            return Err(Error::Surplus { position: self.position });
+            return Err(Error::Surplus {
+                position: self.position,
+            });
         }
         Ok(())
     }

@@ -65,7 +65,9 @@ pub fn decode(
     coefficients.fill(0);
     let mut next = Some(tree.root());
     while let Some(quadrant) = next {
-        let skipped = some_coded.as_ref().is_some_and(|some| !some[tree.node(quadrant)]);
+        let skipped = some_coded
+            .as_ref()
+            .is_some_and(|some| !some[tree.node(quadrant)]);
         if skipped || input.get(1) == 0 {
             next = tree.after(quadrant);
         } else if quadrant.level > 0 {
@@ -79,7 +81,11 @@ pub fn decode(
             next = tree.after(quadrant);
         }
     }
-    if input.exhausted() { Err(Error::Truncated) } else { Ok(()) }
+    if input.exhausted() {
+        Err(Error::Truncated)
+    } else {
+        Ok(())
+    }
 }
 
 #[inline]
@@ -133,7 +139,10 @@ struct Quadrant {
 
 impl Quadrant {
     fn first_child(self) -> Quadrant {
-        Quadrant { level: self.level - 1, leaf: self.leaf }
+        Quadrant {
+            level: self.level - 1,
+            leaf: self.leaf,
+        }
     }
 }
 
@@ -146,11 +155,17 @@ struct Tree {
 
 impl Tree {
     fn new(side: usize, lengths: &[Option<usize>]) -> Tree {
-        assert!(side.is_power_of_two() && (2..=1 << 15).contains(&side), "side {side}");
+        assert!(
+            side.is_power_of_two() && (2..=1 << 15).contains(&side),
+            "side {side}"
+        );
         for length in lengths.iter().flatten() {
             assert_eq!(*length, side * side, "entries of a matrix of side {side}");
         }
-        Tree { side, levels: side.ilog2() - 1 }
+        Tree {
+            side,
+            levels: side.ilog2() - 1,
+        }
     }
 
     fn leaves(&self) -> usize {
@@ -158,7 +173,10 @@ impl Tree {
     }
 
     fn root(&self) -> Quadrant {
-        Quadrant { level: self.levels, leaf: 0 }
+        Quadrant {
+            level: self.levels,
+            leaf: 0,
+        }
     }
 
     /// The quadrant that follows when `quadrant` and all inside it are done: the largest that begins
@@ -166,7 +184,10 @@ impl Tree {
     #[inline]
     fn after(&self, quadrant: Quadrant) -> Option<Quadrant> {
         let leaf = quadrant.leaf + (1 << (2 * quadrant.level));
-        (leaf < self.leaves()).then(|| Quadrant { level: leaf.trailing_zeros() / 2, leaf })
+        (leaf < self.leaves()).then(|| Quadrant {
+            level: leaf.trailing_zeros() / 2,
+            leaf,
+        })
     }
 
     /// Index in an array of all quadrants, coarse to fine, where node n has the children 4n + 1 to

@@ -257,6 +257,29 @@ impl Lattice {
         within(diamond.x, right) && within(diamond.y, bottom)
     }
 
+    /// The diamond that has a sample among its centres, with the index in its N^2 matrix; `None` for
+    /// the samples that are root vertices.
+    pub fn owner(&self, [column, row]: [i64; 2]) -> Option<(Diamond, usize)> {
+        let (x, y) = (column.trailing_zeros(), row.trailing_zeros());
+        let finest = x.min(y);
+        if finest >= self.depth {
+            return None;
+        }
+        // The sample first appears on the grid of step 2^finest; turned squares add those on its lines.
+        let level = 2 * (self.depth - 1 - finest) + u32::from(x != y);
+        let at = [column, row];
+        let diamond = self.diamonds_around(level, at, at).into_iter().next()?;
+        let placement = self.placement(diamond);
+        let (dx, dy) = (column - placement.origin[0], row - placement.origin[1]);
+        let step = placement.ax[0];
+        let [i, j] = if level.is_multiple_of(2) {
+            [dx / step, dy / step]
+        } else {
+            [(dx - dy) / (2 * step), (dx + dy) / (2 * step)]
+        };
+        Some((diamond, j as usize * self.cells() + i as usize))
+    }
+
     /// Number of refinable diamonds: those of levels 0..2K, which have blocks.
     pub fn diamond_count(&self) -> u64 {
         self.level_starts.last().copied().unwrap_or(0)
@@ -288,6 +311,41 @@ impl Lattice {
             .positions()
             .into_iter()
             .map(|at| at_position(at, level))
+            .collect()
+    }
+
+    /// The diamonds of a level whose open squares meet the closed rectangle from sample `first` to
+    /// sample `last`, row by row.
+    pub fn diamonds_around(&self, level: u32, first: [i64; 2], last: [i64; 2]) -> Vec<Diamond> {
+        let step = self.sample_step();
+        let half = half_extent(level);
+        let unit = if level.is_multiple_of(2) {
+            2 * half
+        } else {
+            half
+        };
+        let distance = |centre: i32, axis: usize| {
+            let centre = i64::from(centre);
+            (centre - centre.clamp(first[axis] * step, last[axis] * step)).abs()
+        };
+        let meets = |diamond: Diamond| {
+            let (x, y) = (distance(diamond.x, 0), distance(diamond.y, 1));
+            if level.is_multiple_of(2) {
+                x < half && y < half
+            } else {
+                x + y < half
+            }
+        };
+        let range = |axis: usize| {
+            let near = ((first[axis] * step - half) / unit).max(0) as u64;
+            near..=((last[axis] * step + half) / unit).max(0) as u64
+        };
+        let columns = range(0);
+        range(1)
+            .flat_map(|y| columns.clone().map(move |x| [x, y]))
+            .filter(|at| level.is_multiple_of(2) || (at[0] + at[1]) % 2 == 1)
+            .map(|at| at_position(at, level))
+            .filter(|&diamond| self.contains(diamond) && meets(diamond))
             .collect()
     }
 

@@ -16,7 +16,12 @@ impl Interpolating {
     /// A transform for diamonds of `cells` cells with the integer bound e (at most 2^30 - 1), for
     /// heights within `[minimum, maximum]`.
     pub fn new(cells: usize, bound: i32, minimum: i32, maximum: i32) -> Interpolating {
-        Interpolating { cells, bound, minimum, maximum }
+        Interpolating {
+            cells,
+            bound,
+            minimum,
+            maximum,
+        }
     }
 
     /// The quantised residual of a sample.
@@ -33,7 +38,9 @@ impl Interpolating {
     pub fn reconstruct(&self, coefficient: i32, prediction: i32) -> i32 {
         if self.bound == 0 {
             // Wrapping: a residual of full-range samples needs 33 bits, its sum only 32.
-            return prediction.wrapping_add(coefficient).clamp(self.minimum, self.maximum);
+            return prediction
+                .wrapping_add(coefficient)
+                .clamp(self.minimum, self.maximum);
         }
         let step = 2 * i64::from(self.bound) + 1;
         let value = i64::from(prediction) + i64::from(coefficient) * step;
@@ -49,10 +56,20 @@ impl Transform for Interpolating {
         coded: Option<&[u8]>,
         coefficients: &mut [i32],
     ) {
-        predict(self.cells, vertices, self.minimum, self.maximum, coefficients);
+        predict(
+            self.cells,
+            vertices,
+            self.minimum,
+            self.maximum,
+            coefficients,
+        );
         for (index, (coefficient, &sample)) in coefficients.iter_mut().zip(samples).enumerate() {
             let is_coded = coded.is_none_or(|mask| mask[index] != 0);
-            *coefficient = if is_coded { self.quantise(sample, *coefficient) } else { 0 };
+            *coefficient = if is_coded {
+                self.quantise(sample, *coefficient)
+            } else {
+                0
+            };
         }
     }
 

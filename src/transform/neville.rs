@@ -26,7 +26,10 @@ pub fn predict(
         }
         let (before, after) = (row(j - 1), row(j + 2));
         for i in 1..cells - 1 {
-            let eight = wide(near[i - 1]) + wide(far[i - 1]) + wide(near[i + 2]) + wide(far[i + 2])
+            let eight = wide(near[i - 1])
+                + wide(far[i - 1])
+                + wide(near[i + 2])
+                + wide(far[i + 2])
                 + nearest(before, after, i);
             let value = (10 * nearest(near, far, i) - eight + 16) >> 5;
             output[i] = value.clamp(low, high) as i32;

@@ -1,7 +1,27 @@
-//! Where rasters come from: one trait, read by rows from the top.
+//! Where rasters come from: one trait, read by rows from the top, and one file for each format.
 
-use crate::Result;
+mod ascii_grid;
+mod crs;
+mod flat;
+pub(crate) mod geokeys;
+mod geotiff;
+mod header_pair;
+mod hgt;
+mod mosaic;
+mod options;
+mod png;
+mod rows;
+pub(crate) mod samples;
+
+use std::path::{Path, PathBuf};
+
 use crate::geo::RasterInfo;
+use crate::{Error, Result};
+
+pub use flat::parse_raw_shape;
+pub use mosaic::Mosaic;
+pub use options::SourceOptions;
+pub use rows::{RowCallback, RowSource};
 
 /// A raster that is read once, from its first row to its last.
 pub trait RasterSource: Send {
@@ -17,4 +37,57 @@ pub trait RasterSource: Send {
     /// [`Error::Io`](crate::Error::Io) and [`Error::Input`](crate::Error::Input), the latter also
     /// for an infinite sample, with its column and row.
     fn read_rows(&mut self, samples: &mut [f64]) -> Result<()>;
+}
+
+const SUPPORTED: &str = "GeoTIFF (.tif, .tiff), grey PNG (.png), SRTM (.hgt), \
+    ESRI ASCII grid (.asc), ENVI or BIL with a .hdr (.bil, .dat, .img, .bin), \
+    or any file as raw samples of a given shape";
+
+/// Opens a raster file; the extension decides on the format, unless `options.raw` is given.
+///
+/// # Errors
+///
+/// [`Error::Io`] where the file cannot be opened, [`Error::Input`] where it is not what its
+/// extension says or holds a kind of raster that is not supported, [`Error::Argument`] for options
+/// outside their range.
+pub fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn RasterSource>> {
+    options.check()?;
+    if options.raw.is_some() {
+        return flat::open_raw(path, options);
+    }
+    let extension = path
+        .extension()
+        .map(|text| text.to_string_lossy().to_ascii_lowercase())
+        .unwrap_or_default();
+    match extension.as_str() {
+        "tif" | "tiff" => geotiff::open(path, options),
+        "png" => png::open(path, options),
+        "hgt" => hgt::open(path, options),
+        "asc" => ascii_grid::open(path, options),
+        "bil" | "dat" | "img" | "bin" => header_pair::open(path, options),
+        "" => Err(Error::input(
+            path,
+            format!("no file extension; supported: {SUPPORTED}"),
+        )),
+        other => Err(Error::input(
+            path,
+            format!("extension .{other} is unknown; supported: {SUPPORTED}"),
+        )),
+    }
+}
+
+/// Opens one file as itself, several as a [`Mosaic`].
+///
+/// # Errors
+///
+/// Those of [`open`] and [`Mosaic::new`]; [`Error::Argument`] where `paths` is empty.
+pub fn open_all(paths: &[PathBuf], options: &SourceOptions) -> Result<Box<dyn RasterSource>> {
+    if let [path] = paths {
+        return open(path, options);
+    }
+    let parts = paths
+        .iter()
+        .map(|path| Ok((path.clone(), open(path, options)?)))
+        .collect::<Result<Vec<_>>>()?;
+    Ok(Box::new(Mosaic::new(parts)?))
 }

@@ -1,0 +1,223 @@
+//! Heights at points, without any view.
+
+use super::source::DiamondSource;
+use super::terrain::Terrain;
+use crate::Result;
+use crate::codec::{Matrix, child_vertices};
+use crate::lattice::Diamond;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+/// A height of the finest surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Height {
+    /// Physical height: `value_scale` x sample + `value_offset`.
+    pub height: f64,
+    /// Largest difference from the input's surface over the same triangles, in the unit of `height`.
+    pub error_bound: f64,
+    /// The level it was read at.
+    pub level: u32,
+}
+
+/// Reads heights from a terrain through a cache of its own. One handle a thread, any number of handles
+/// on a terrain.
+pub struct Query {
+    terrain: Arc<Terrain>,
+    cache: Cache,
+}
+
+impl Query {
+    /// A handle whose cache of decoded diamonds holds at most `byte_limit` bytes, or what one height
+    /// needs if that is more.
+    pub fn new(terrain: Arc<Terrain>, byte_limit: u64) -> Query {
+        Query {
+            terrain,
+            cache: Cache::new(byte_limit),
+        }
+    }
+
+    /// The terrain that the handle reads.
+    pub fn terrain(&self) -> &Arc<Terrain> {
+        &self.terrain
+    }
+
+    /// Height at world coordinates; `None` outside the raster and where it is void.
+    ///
+    /// # Errors
+    ///
+    /// Those of reading and decoding blocks.
+    pub fn height_at_world(&mut self, x: f64, y: f64) -> Result<Option<Height>> {
+        let [column, row] = self.terrain.frame().world_to_grid(x, y);
+        self.height_at_grid(column, row)
+    }
+
+    /// Height at coordinates of the raster's reference system; `None` as for
+    /// [`height_at_world`](Self::height_at_world).
+    ///
+    /// # Errors
+    ///
+    /// Those of reading and decoding blocks.
+    pub fn height_at_crs(&mut self, x: f64, y: f64) -> Result<Option<Height>> {
+        match self.terrain.raster_info().crs_to_sample(x, y) {
+            Some([column, row]) => self.height_at_grid(column, row),
+            None => Ok(None),
+        }
+    }
+
+    /// Height at a fractional column and row.
+    ///
+    /// # Errors
+    ///
+    /// Those of reading and decoding blocks.
+    pub fn height_at_grid(&mut self, column: f64, row: f64) -> Result<Option<Height>> {
+        let lattice = self.terrain.lattice();
+        let last = [lattice.width() - 1, lattice.height() - 1].map(f64::from);
+        if !(0.0..=last[0]).contains(&column) || !(0.0..=last[1]).contains(&row) {
+            return Ok(None);
+        }
+        // The cell, its last column and row being closed.
+        let cell = [
+            column.min(last[0] - 1.0).floor(),
+            row.min(last[1] - 1.0).floor(),
+        ];
+        let (a, b) = (column - cell[0], row - cell[1]);
+        let [x, y] = cell.map(|index| index as i64);
+        let shift = lattice.cells_log2();
+        let main = ((x >> shift) + (y >> shift)) % 2 == 0;
+        let corners = leaf_triangle(main, a, b);
+        let mut unit = 0.0;
+        for (corner, weight) in corners {
+            let at = [x + corner[0], y + corner[1]];
+            let height = self.sample(at)?;
+            match height {
+                Some(height) => unit += weight * f64::from(height),
+                // A vertex without weight does not bear the point.
+                None if weight == 0.0 => {}
+                None => return Ok(None),
+            }
+        }
+        let terrain = &self.terrain;
+        let [base, scale] = terrain.height_to_world();
+        let info = terrain.raster_info();
+        Ok(Some(Height {
+            height: base + scale * unit,
+            error_bound: terrain.header().max_error * info.value_scale.abs(),
+            level: terrain.lattice().levels(),
+        }))
+    }
+
+    /// The decoded unit of a sample of the raster; `None` for a void.
+    fn sample(&mut self, at: [i64; 2]) -> Result<Option<i32>> {
+        let lattice = self.terrain.lattice();
+        let Some((diamond, index)) = lattice.owner(at) else {
+            let side = lattice.cells() as i64 + 1;
+            let step = 1i64 << (lattice.levels() / 2);
+            let index = (at[1] / step * side + at[0] / step) as usize;
+            let root = self.terrain.root();
+            return Ok(root.is_valid(index).then(|| root.values[index]));
+        };
+        let refined = self.refined(diamond)?;
+        self.cache.trim();
+        Ok(refined
+            .centres
+            .is_valid(index)
+            .then(|| refined.centres.values[index]))
+    }
+
+    /// A diamond's matrices, from the cache or by decoding what they need.
+    fn refined(&mut self, diamond: Diamond) -> Result<Arc<Refined>> {
+        if let Some(found) = self.cache.get(diamond) {
+            return Ok(found);
+        }
+        let terrain = self.terrain.clone();
+        let lattice = terrain.lattice();
+        let vertices = if diamond == lattice.root() {
+            terrain.root().clone()
+        } else {
+            let mut parents = [None, None];
+            for (slot, parent) in parents.iter_mut().zip(lattice.parents(diamond)) {
+                *slot = parent.map(|parent| self.refined(parent)).transpose()?;
+            }
+            let matrices = parents
+                .each_ref()
+                .map(|parent| parent.as_ref().map(|p| (&p.vertices, &p.centres)));
+            child_vertices(lattice, diamond, matrices)
+        };
+        let centres = terrain.centres(diamond, &vertices)?;
+        let refined = Arc::new(Refined { vertices, centres });
+        self.cache.put(diamond, refined.clone());
+        Ok(refined)
+    }
+}
+
+/// Corners (offsets in samples) of the leaf triangle over (a, b) of a unit cell, with their barycentric
+/// weights. `main` cells are split from (0, 0) to (1, 1).
+fn leaf_triangle(main: bool, a: f64, b: f64) -> [([i64; 2], f64); 3] {
+    match (main, if main { a >= b } else { a + b <= 1.0 }) {
+        (true, true) => [([0, 0], 1.0 - a), ([1, 0], a - b), ([1, 1], b)],
+        (true, false) => [([0, 0], 1.0 - b), ([0, 1], b - a), ([1, 1], a)],
+        (false, true) => [([0, 0], 1.0 - a - b), ([1, 0], a), ([0, 1], b)],
+        (false, false) => [([1, 1], a + b - 1.0), ([0, 1], 1.0 - a), ([1, 0], 1.0 - b)],
+    }
+}
+
+struct Refined {
+    vertices: Matrix,
+    centres: Matrix,
+}
+
+impl Refined {
+    fn bytes(&self) -> u64 {
+        let matrix = |m: &Matrix| m.values.len() * 4 + m.valid.as_ref().map_or(0, |v| v.len());
+        (matrix(&self.vertices) + matrix(&self.centres)) as u64
+    }
+}
+
+/// Decoded diamonds, the least recently used ones leaving first.
+struct Cache {
+    limit: u64,
+    bytes: u64,
+    clock: u64,
+    entries: HashMap<Diamond, (u64, Arc<Refined>)>,
+    by_age: BTreeMap<u64, Diamond>,
+}
+
+impl Cache {
+    fn new(limit: u64) -> Cache {
+        Cache {
+            limit,
+            bytes: 0,
+            clock: 0,
+            entries: HashMap::new(),
+            by_age: BTreeMap::new(),
+        }
+    }
+
+    fn get(&mut self, diamond: Diamond) -> Option<Arc<Refined>> {
+        let (used, refined) = self.entries.get_mut(&diamond)?;
+        self.by_age.remove(used);
+        self.clock += 1;
+        *used = self.clock;
+        self.by_age.insert(self.clock, diamond);
+        Some(refined.clone())
+    }
+
+    fn put(&mut self, diamond: Diamond, refined: Arc<Refined>) {
+        self.clock += 1;
+        self.bytes += refined.bytes();
+        self.by_age.insert(self.clock, diamond);
+        self.entries.insert(diamond, (self.clock, refined));
+    }
+
+    /// Forgets the oldest entries until the limit holds.
+    fn trim(&mut self) {
+        while self.bytes > self.limit {
+            let Some((_, oldest)) = self.by_age.pop_first() else {
+                return;
+            };
+            if let Some((_, refined)) = self.entries.remove(&oldest) {
+                self.bytes -= refined.bytes();
+            }
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! Reading a rectangle of samples at a level.
+
+use super::source::DiamondSource;
+use super::terrain::Terrain;
+use crate::codec::{Matrix, child_vertices};
+use crate::lattice::Diamond;
+use crate::{Error, Result};
+use std::collections::{BTreeSet, HashMap};
+
+/// A rectangle of a level's samples. Level 2K has all samples of the raster; a level two coarser
+/// has every second one of every second row, from the first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// First column.
+    pub column: u32,
+    /// First row.
+    pub row: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// Samples from one of an even level to the next, in samples of the raster.
+///
+/// # Errors
+///
+/// [`Error::Argument`] for a level that is odd or finer than the repository.
+pub fn level_step(terrain: &Terrain, level: u32) -> Result<u32> {
+    let levels = terrain.lattice().levels();
+    if level % 2 == 1 || level > levels {
+        return Err(Error::Argument(format!(
+            "level {level} has no rows of samples: give an even one from 0 to {levels}"
+        )));
+    }
+    Ok(1 << ((levels - level) / 2))
+}
+
+/// Columns and rows of samples at an even level.
+///
+/// # Errors
+///
+/// As [`level_step`].
+pub fn level_size(terrain: &Terrain, level: u32) -> Result<[u32; 2]> {
+    let step = level_step(terrain, level)?;
+    let lattice = terrain.lattice();
+    Ok([lattice.width(), lattice.height()].map(|side| (side - 1) / step + 1))
+}
+
+/// Fills `samples` (`width * height`, row by row) with a window of an even level, in the raster's own
+/// units; NaN where the raster is void.
+///
+/// # Errors
+///
+/// [`Error::Argument`] for a level or window outside the repository, or a buffer of another size; those of
+/// reading and decoding blocks.
+pub fn read_window(
+    terrain: &Terrain,
+    level: u32,
+    window: Window,
+    samples: &mut [f64],
+) -> Result<()> {
+    let step = i64::from(level_step(terrain, level)?);
+    let [columns, rows] = level_size(terrain, level)?;
+    let fits = |start: u32, length: u32, end: u32| {
+        length > 0 && u64::from(start) + u64::from(length) <= u64::from(end)
+    };
+    if !fits(window.column, window.width, columns) || !fits(window.row, window.height, rows) {
+        return Err(Error::Argument(format!(
+            "the window of {} x {} samples at column {}, row {} is not inside level {level}, which has {columns} x {rows}",
+            window.width, window.height, window.column, window.row
+        )));
+    }
+    if samples.len() as u64 != u64::from(window.width) * u64::from(window.height) {
+        return Err(Error::Argument(format!(
+            "a buffer of {} samples for a window of {} x {}",
+            samples.len(),
+            window.width,
+            window.height
+        )));
+    }
+    let mut sweep = Sweep {
+        terrain,
+        window,
+        step,
+        samples,
+    };
+    sweep.run(level)
+}
+
+/// A decode of all diamonds that a window needs, level by level.
+struct Sweep<'a> {
+    terrain: &'a Terrain,
+    window: Window,
+    step: i64,
+    samples: &'a mut [f64],
+}
+
+impl Sweep<'_> {
+    fn run(&mut self, level: u32) -> Result<()> {
+        let lattice = self.terrain.lattice();
+        let root = self.terrain.root();
+        let (placement, side) = (lattice.placement(lattice.root()), lattice.cells() + 1);
+        for index in 0..side * side {
+            self.put(placement.vertex(index % side, index / side), root, index);
+        }
+        let mut coarser: HashMap<Diamond, (Matrix, Matrix)> = HashMap::new();
+        for diamonds in self.needed(level) {
+            let mut decoded = HashMap::with_capacity(diamonds.len());
+            for diamond in diamonds {
+                let vertices = if diamond == lattice.root() {
+                    root.clone()
+                } else {
+                    let parents = lattice.parents(diamond).map(|parent| {
+                        let (vertices, centres) = coarser.get(&parent?)?;
+                        Some((vertices, centres))
+                    });
+                    child_vertices(lattice, diamond, parents)
+                };
+                let centres = self.terrain.centres(diamond, &vertices)?;
+                self.put_centres(diamond, &centres);
+                decoded.insert(diamond, (vertices, centres));
+            }
+            coarser = decoded;
+        }
+        Ok(())
+    }
+
+    /// For each level below `level`: the diamonds whose centres may lie in the window, and the parents of
+    /// all finer ones.
+    fn needed(&self, level: u32) -> Vec<BTreeSet<Diamond>> {
+        let lattice = self.terrain.lattice();
+        let (left, top) = (i64::from(self.window.column), i64::from(self.window.row));
+        let (width, height) = (i64::from(self.window.width), i64::from(self.window.height));
+        let first = [left * self.step, top * self.step];
+        let last = [
+            (left + width - 1) * self.step,
+            (top + height - 1) * self.step,
+        ];
+        let mut levels: Vec<BTreeSet<Diamond>> = Vec::new();
+        for finer in (0..level).rev() {
+            let mut set: BTreeSet<Diamond> = lattice
+                .diamonds_around(finer, first, last)
+                .into_iter()
+                .collect();
+            if let Some(children) = levels.last() {
+                let parents = children.iter().flat_map(|&child| lattice.parents(child));
+                set.extend(parents.flatten());
+            }
+            levels.push(set);
+        }
+        levels.reverse();
+        levels
+    }
+
+    fn put_centres(&mut self, diamond: Diamond, centres: &Matrix) {
+        let lattice = self.terrain.lattice();
+        let (placement, cells) = (lattice.placement(diamond), lattice.cells());
+        for index in 0..cells * cells {
+            self.put(
+                placement.centre(index % cells, index / cells),
+                centres,
+                index,
+            );
+        }
+    }
+
+    /// Writes one decoded sample to its place, if that is in the window.
+    fn put(&mut self, [column, row]: [i64; 2], matrix: &Matrix, index: usize) {
+        let place = |at: i64, start: u32, length: u32| {
+            let offset = at / self.step - i64::from(start);
+            (at % self.step == 0 && (0..i64::from(length)).contains(&offset)).then_some(offset)
+        };
+        let column = place(column, self.window.column, self.window.width);
+        let row = place(row, self.window.row, self.window.height);
+        let (Some(column), Some(row)) = (column, row) else {
+            return;
+        };
+        // The absent half of a half diamond lies outside the raster but for its hypotenuse, and what
+        // is outside is never in a window.
+        let target = row as usize * self.window.width as usize + column as usize;
+        self.samples[target] = if matrix.is_valid(index) {
+            self.terrain.units().to_sample(matrix.values[index])
+        } else {
+            f64::NAN
+        };
+    }
+}
