@@ -10,12 +10,13 @@ use super::boundary::{
 };
 use super::status::kmb_status;
 use crate::build::source::RowSource;
+use crate::build::source::samples::stored_value;
 use crate::build::{BuildOptions, BuildReport, build};
 use crate::geo::{RasterInfo, Registration, SampleType};
 use crate::{Error, Result};
 
 /// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a double each, NaN for a void,
-/// any other value one that the sample type has. Rows are asked for from the top, each once. Calls come one
+/// any other value a sample of the raster's type (it is rounded to a float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one
 /// after the other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
 /// out of it.
 pub type kmb_rows_callback = Option<
@@ -47,7 +48,7 @@ pub struct kmb_builder_options {
     /// Largest allowed difference between a decoded sample and the input's, in sample units; 0 is lossless for
     /// integers.
     pub max_error: f64,
-    /// Cells along a side of a diamond: a power of two from 2 to 128, or 0 for 64.
+    /// Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
     pub cells: u32,
     /// Threads to use, or 0 for one a core. The file does not depend on it.
     pub threads: u32,
@@ -133,9 +134,9 @@ pub unsafe extern "C" fn kmb_builder_create(
 fn cells_log2(cells: u32) -> std::result::Result<u32, Failure> {
     match cells {
         0 => Ok(6),
-        2..=128 if cells.is_power_of_two() => Ok(cells.ilog2()),
+        16 | 32 | 64 | 128 => Ok(cells.ilog2()),
         _ => Err(Failure::argument(format!(
-            "{cells} cells: a power of two from 2 to 128 is needed"
+            "{cells} cells: 16, 32, 64 or 128 are needed"
         ))),
     }
 }
@@ -344,13 +345,14 @@ pub unsafe extern "C" fn kmb_builder_write(
             false => Some(unsafe { output_struct(report) }?),
         };
         let (width, user) = (builder.raster.width as usize, User(rows_user));
+        let sample_type = builder.raster.sample_type;
         let next_rows = move |first_row: u32, samples: &mut [f64]| -> Result<()> {
             let row_count = (samples.len() / width) as u32;
             // SAFETY: the caller gave a function that may be called so, with this `user`.
             let answer =
                 unsafe { rows(user.pointer(), first_row, row_count, samples.as_mut_ptr()) };
             if answer == 0 {
-                return Ok(());
+                return as_stored(sample_type, width, first_row, samples);
             }
             let message = format!("row {first_row}: the rows callback answered {answer}");
             Err(Error::input(Path::new("(rows)"), message))
@@ -366,6 +368,24 @@ pub unsafe extern "C" fn kmb_builder_write(
         }
         Ok(())
     })
+}
+
+/// Rounds samples to their type, and refuses those that it does not have.
+fn as_stored(
+    sample_type: SampleType,
+    width: usize,
+    first_row: u32,
+    samples: &mut [f64],
+) -> Result<()> {
+    for (index, sample) in samples.iter_mut().enumerate().filter(|(_, sample)| !sample.is_nan()) {
+        *sample = stored_value(*sample, sample_type).ok_or_else(|| {
+            let (column, row) = (index % width, first_row as usize + index / width);
+            let name = sample_type.name();
+            let message = format!("the sample {sample} at column {column}, row {row} is no {name}");
+            Error::input(Path::new("(rows)"), message)
+        })?;
+    }
+    Ok(())
 }
 
 fn told(made: &BuildReport) -> kmb_build_report {
