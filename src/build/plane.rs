@@ -68,11 +68,10 @@ impl Plane {
                 self.void_samples += 1;
                 continue;
             }
-            let integral = !info.sample_type.is_integer() || sample.fract() == 0.0;
-            if !sample.is_finite() || !integral {
+            if !sample.is_finite() || !info.sample_type.holds(sample) {
                 let index = start + offset;
                 return Err(Error::Argument(format!(
-                    "the sample at column {}, row {} is {sample}, which no {} raster holds as a height",
+                    "the sample at column {}, row {} is {sample}, which is no {} height",
                     index % self.width,
                     index / self.width,
                     info.sample_type.name(),

@@ -71,7 +71,7 @@ impl LeafSurface<'_> {
                 largest = largest.max(triangles.scaled_difference(u, v, height).abs());
             }
         }
-        if any_void && (vertices.any_valid() || self.has_ground(diamond)) {
+        if any_void && (self.draws_any(diamond, vertices) || self.has_ground(diamond)) {
             return f64::INFINITY;
         }
         largest as f64 / axes.extent as f64
@@ -106,6 +106,25 @@ impl LeafSurface<'_> {
         [centre[0] + sign * half, centre[1] + sign * half]
     }
 
+    /// Whether any triangle of the diamond is drawn.
+    fn draws_any(&self, diamond: Diamond, vertices: &Matrix) -> bool {
+        if vertices.valid.is_none() {
+            return true;
+        }
+        let (placement, cells) = (self.lattice.placement(diamond), self.lattice.cells());
+        let main = self.lattice.has_main_hypotenuse(diamond);
+        (0..cells * cells).any(|index| {
+            let (i, j) = (index % cells, index / cells);
+            split([[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], main)
+                .into_iter()
+                .any(|triangle| {
+                    let places = triangle.map(|[i, j]| placement.vertex(i, j));
+                    let valid = triangle.map(|[i, j]| vertices.is_valid(j * (cells + 1) + i));
+                    self.lattice.draws(false, places, valid)
+                })
+        })
+    }
+
     /// Whether any leaf triangle with three valid vertices lies in the closed square.
     fn has_ground(&self, diamond: Diamond) -> bool {
         let shift = self.lattice.cells_log2();
@@ -134,6 +153,15 @@ impl LeafSurface<'_> {
                     })
             })
         })
+    }
+}
+
+/// A cell's two triangles, its corners given around it; `main` cells are split from the first to the third.
+fn split<T: Copy>([a, b, c, d]: [T; 4], main: bool) -> [[T; 3]; 2] {
+    if main {
+        [[a, b, c], [a, c, d]]
+    } else {
+        [[a, b, d], [b, c, d]]
     }
 }
 

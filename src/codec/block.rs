@@ -66,14 +66,15 @@ impl BlockCodec {
         }
         let mut bytes = Vec::new();
         if self.has_voids {
-            let mask = match voids {
+            match voids {
                 Some(voids) if voids.contains(&1) => {
-                    mask::encode(self.cells, vertices.valid.as_deref(), codable, voids)
+                    let mask = mask::encode(self.cells, vertices.valid.as_deref(), codable, voids);
+                    // A mask may be coded in no byte at all; 0 says that there is none.
+                    write_length(mask.len() + 1, &mut bytes);
+                    bytes.extend(mask);
                 }
-                _ => Vec::new(),
-            };
-            write_length(mask.len(), &mut bytes);
-            bytes.extend(mask);
+                _ => write_length(0, &mut bytes),
+            }
         }
         let mut bits = BitWriter::new();
         gamma::encode(&coefficients, self.cells, mask, &mut bits);
@@ -132,10 +133,12 @@ impl BlockCodec {
             return Ok((None, block));
         }
         let (length, rest) = read_length(block).ok_or(BlockError::Mask)?;
-        let (bytes, rest) = rest.split_at_checked(length).ok_or(BlockError::Mask)?;
+        if length == 0 {
+            return Ok((None, rest));
+        }
+        let (bytes, rest) = rest.split_at_checked(length - 1).ok_or(BlockError::Mask)?;
         let valid = vertices.valid.as_deref();
-        let voids = (length > 0).then(|| mask::decode(self.cells, valid, codable, bytes));
-        Ok((voids, rest))
+        Ok((Some(mask::decode(self.cells, valid, codable, bytes)), rest))
     }
 }
 

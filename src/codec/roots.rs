@@ -56,12 +56,16 @@ impl<'a> RootCodec<'a> {
         Ok(matrix)
     }
 
+    fn middle(&self) -> i32 {
+        ((i64::from(self.range[0]) + i64::from(self.range[1])) >> 1) as i32
+    }
+
     /// Visits the vertices inside the raster row by row. `visit` gets the position, the number of void
     /// neighbours before it and the prediction, and returns the height unless void.
     fn scan(&self, mut visit: impl FnMut([i64; 2], usize, i32) -> Option<i32>) -> Matrix {
         let side = self.lattice.cells() + 1;
         let placement = self.lattice.placement(self.lattice.root());
-        let middle = ((i64::from(self.range[0]) + i64::from(self.range[1])) / 2) as i32;
+        let middle = self.middle();
         let mut values = vec![middle; side * side].into_boxed_slice();
         let mut valid = vec![0u8; side * side].into_boxed_slice();
         for index in 0..side * side {
@@ -97,7 +101,7 @@ impl<'a> RootCodec<'a> {
         let known: Vec<usize> = (0..side * side)
             .filter(|&index| valid[index] != 0)
             .collect();
-        let middle = ((i64::from(self.range[0]) + i64::from(self.range[1])) / 2) as i32;
+        let middle = self.middle();
         let nearest = |index: usize| {
             let square = |other: usize| {
                 let (di, dj) = (

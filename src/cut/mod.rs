@@ -1,13 +1,23 @@
 //! Floor 3: from views to patches within a budget, and queries without any view. Knows no builder.
 
+mod changes;
+mod graph;
+mod node;
+mod patch;
+mod projection;
 mod query;
+mod slopes;
 mod source;
 mod terrain;
+mod update;
 mod view;
 mod window;
 
+pub use changes::Changes;
+pub use patch::{GridToWorld, Patch, VertexForm};
 pub use query::{Height, Query};
 pub use source::{DiamondSource, Summary};
 pub use terrain::Terrain;
+pub use update::{Cut, CutOptions, Stats};
 pub use view::View;
 pub use window::{Window, level_size, level_step, read_window};

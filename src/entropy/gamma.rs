@@ -73,9 +73,10 @@ pub fn decode(
         } else if quadrant.level > 0 {
             next = Some(quadrant.first_child());
         } else {
+            let mut window = Window::new(input);
             for entry in tree.entries(quadrant) {
                 if is_coded(entry) {
-                    coefficients[entry] = get_gamma(input)?;
+                    coefficients[entry] = window.get_gamma(input)?;
                 }
             }
             next = tree.after(quadrant);
@@ -101,18 +102,47 @@ fn put_gamma(value: i32, out: &mut BitWriter) {
     }
 }
 
+/// Bits of the input at hand, so that several short codes need one look at it.
+struct Window {
+    /// The next bits, from the top.
+    bits: u64,
+    /// How many of them are sure to be there.
+    sure: u32,
+}
+
+impl Window {
+    fn new(input: &BitReader) -> Window {
+        Window {
+            bits: input.peek(),
+            sure: BitReader::PEEKED,
+        }
+    }
+
+    #[inline]
+    fn get_gamma(&mut self, input: &mut BitReader) -> Result<i32, Error> {
+        let mut length = 2 * self.bits.leading_zeros() + 1;
+        if length > self.sure {
+            *self = Window::new(input);
+            length = 2 * self.bits.leading_zeros() + 1;
+            if length > self.sure {
+                let number = get_long(input, self.bits.leading_zeros())?;
+                *self = Window::new(input);
+                return Ok(unmap(number));
+            }
+        }
+        let number = self.bits >> (64 - length);
+        self.bits <<= length;
+        self.sure -= length;
+        input.skip(length);
+        Ok(unmap(number))
+    }
+}
+
+/// The coefficient that a number from 1 to 2^32 stands for.
 #[inline]
-fn get_gamma(input: &mut BitReader) -> Result<i32, Error> {
-    let window = input.peek();
-    let zeros = window.leading_zeros();
-    let number = if 2 * zeros < BitReader::PEEKED {
-        input.skip(2 * zeros + 1);
-        window >> (63 - 2 * zeros)
-    } else {
-        get_long(input, zeros)?
-    };
+fn unmap(number: u64) -> i32 {
     let zigzag = (number - 1) as u32;
-    Ok((zigzag >> 1) as i32 ^ -((zigzag & 1) as i32))
+    (zigzag >> 1) as i32 ^ -((zigzag & 1) as i32)
 }
 
 #[cold]

@@ -57,6 +57,21 @@ impl SampleType {
         }
     }
 
+    /// Whether a finite number is a sample of this type without rounding.
+    pub fn holds(self, sample: f64) -> bool {
+        let within = |low: f64, high: f64| sample.fract() == 0.0 && (low..=high).contains(&sample);
+        match self {
+            SampleType::U8 => within(0.0, f64::from(u8::MAX)),
+            SampleType::I8 => within(f64::from(i8::MIN), f64::from(i8::MAX)),
+            SampleType::U16 => within(0.0, f64::from(u16::MAX)),
+            SampleType::I16 => within(f64::from(i16::MIN), f64::from(i16::MAX)),
+            SampleType::U32 => within(0.0, f64::from(u32::MAX)),
+            SampleType::I32 => within(f64::from(i32::MIN), f64::from(i32::MAX)),
+            SampleType::F32 => f64::from(sample as f32) == sample,
+            SampleType::F64 => sample.is_finite(),
+        }
+    }
+
     /// Lower-case name: `u8` ... `f64`.
     pub fn name(self) -> &'static str {
         ["u8", "i8", "u16", "i16", "u32", "i32", "f32", "f64"][self as usize]

@@ -247,6 +247,30 @@ impl Lattice {
             && (0..i64::from(self.height)).contains(&position[1])
     }
 
+    /// Whether a triangle of a patch is drawn, given its vertices in samples and which of them are valid.
+    ///
+    /// None wholly outside the open domain is. At the leaf level all three must be valid; at coarser
+    /// ones any, or all three be outside, as where only the triangle's middle covers the domain's corner.
+    pub fn draws(&self, is_leaf: bool, triangle: [[i64; 2]; 3], valid: [bool; 3]) -> bool {
+        let last = [i64::from(self.width) - 1, i64::from(self.height) - 1];
+        let begins_before = |measure: fn([i64; 2]) -> i64| {
+            triangle
+                .into_iter()
+                .any(|vertex| measure(vertex) < measure(last))
+        };
+        // The domain has a corner in common with the root square, so that only its far sides, and its
+        // far corner against a turned side, can keep a triangle of the root apart from it.
+        let meets_domain = begins_before(|[column, _]| column)
+            && begins_before(|[_, row]| row)
+            && begins_before(|[column, row]| column + row);
+        let has_ground = if is_leaf {
+            valid == [true; 3]
+        } else {
+            valid.contains(&true) || triangle.into_iter().all(|vertex| !self.in_raster(vertex))
+        };
+        meets_domain && has_ground
+    }
+
     /// Whether the whole square lies in the closed domain, so that no vertex is outside.
     pub fn is_inside(&self, diamond: Diamond) -> bool {
         let half = half_extent(diamond.level());

@@ -133,7 +133,7 @@ impl Writer {
         }
         self.layout.blocks.length += u64::from(length) * unit as u64;
         self.lengths.push(length);
-        if (rank + 1) % BLOCKS_PER_GROUP == 0 || rank + 1 == self.block_count {
+        if (rank + 1).is_multiple_of(BLOCKS_PER_GROUP) || rank + 1 == self.block_count {
             self.group_checksums
                 .push(std::mem::take(&mut self.group).finalize());
         }

@@ -74,8 +74,8 @@ pub(crate) fn stored_value(value: f64, sample_type: SampleType) -> Option<f64> {
 pub(super) fn rows_asked(info: &RasterInfo, next_row: u32, samples: &[f64]) -> Result<u32> {
     let width = info.width as usize;
     let left = (info.height - next_row) as usize;
-    let rows = samples.len() / width;
-    if samples.len() % width != 0 || rows > left {
+    let rows = samples.len().checked_div(width).unwrap_or(0);
+    if samples.len() != rows * width || rows > left {
         return Err(Error::Argument(format!(
             "{} samples asked of a raster that is {width} wide and has {left} rows left",
             samples.len()

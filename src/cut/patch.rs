@@ -1,0 +1,243 @@
+//! Patches: halves of diamonds as vertex buffers.
+
+use super::DiamondSource;
+use super::node::Node;
+use crate::lattice::{Diamond, Lattice, PatchGrid};
+
+/// What a patch's vertices hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VertexForm {
+    /// 3 floats: height relative to the patch's origin in height units, dz/dx, dz/dy in world units.
+    Compact,
+    /// 6 floats: x, y, z relative to the patch's origin in grid coordinates and height units
+    /// (integers), then the unit normal in the world.
+    Expanded,
+}
+
+impl VertexForm {
+    /// Floats of one vertex.
+    pub fn floats(self) -> usize {
+        match self {
+            VertexForm::Compact => 3,
+            VertexForm::Expanded => 6,
+        }
+    }
+}
+
+/// The affine map from grid coordinates (column, row, height unit) to the world, axis by axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GridToWorld {
+    /// World position of the grid's origin.
+    pub origin: [f64; 3],
+    /// World units of one grid unit.
+    pub step: [f64; 3],
+}
+
+/// One half of a diamond, as drawn. It never changes.
+#[derive(Clone, Debug)]
+pub struct Patch {
+    /// Unique among the patches of a cut.
+    pub handle: u64,
+    /// The diamond.
+    pub diamond: Diamond,
+    /// Which of its halves.
+    pub half: u8,
+    /// Level of the diamond.
+    pub level: u32,
+    /// Grid coordinates of the right angle, integers; the third is one base height for the whole cut.
+    pub origin: [f64; 3],
+    /// Grid steps of p and of q: vertex (p, q) lies at `origin + p legs[0] + q legs[1]`.
+    pub legs: [[f32; 2]; 2],
+    /// World positions of the right angle, the end of p and the end of q.
+    pub corners: [[f64; 3]; 3],
+    /// World box of the vertices, low and high.
+    pub bounds: [[f64; 3]; 2],
+    /// Upper bound of the distance to the finest surface in world units; may be infinite.
+    pub error: f64,
+    /// Vertices in the order of [`PatchGrid`], in the cut's form.
+    pub vertices: Box<[f32]>,
+    /// `None` where the patch is complete and drawn by the shared index buffers; else its own list of
+    /// triangles.
+    pub indices: Option<Box<[u16]>>,
+}
+
+impl Patch {
+    /// Bytes of the vertices and of the patch's own list.
+    pub fn bytes(&self) -> u64 {
+        let indices = self
+            .indices
+            .as_ref()
+            .map_or(0, |indices| size_of_val(&**indices));
+        (size_of_val(&*self.vertices) + indices) as u64
+    }
+}
+
+/// Makes the patches of one cut.
+pub(super) struct PatchMaker {
+    grid: PatchGrid,
+    triangle_list: Box<[u16]>,
+    form: VertexForm,
+    base: i32,
+    grid_to_world: GridToWorld,
+    lattice: Lattice,
+}
+
+impl PatchMaker {
+    pub fn new(source: &dyn DiamondSource, form: VertexForm) -> PatchMaker {
+        let (lattice, frame) = (source.lattice(), source.frame());
+        let [offset, scale] = source.height_to_world();
+        // Counter-clockwise from above: rows that run south turn the grid over.
+        let flipped = frame.step[0] * frame.step[1] < 0.0;
+        let grid = PatchGrid::new(lattice.cells(), flipped);
+        let [low, high] = source.range().map(i64::from);
+        PatchMaker {
+            triangle_list: grid.triangle_list().into(),
+            grid,
+            form,
+            base: ((low + high) / 2) as i32,
+            grid_to_world: GridToWorld {
+                origin: [frame.origin[0], frame.origin[1], offset],
+                step: [frame.step[0], frame.step[1], scale],
+            },
+            lattice: lattice.clone(),
+        }
+    }
+
+    pub fn grid(&self) -> &PatchGrid {
+        &self.grid
+    }
+
+    pub fn triangle_list(&self) -> &[u16] {
+        &self.triangle_list
+    }
+
+    pub fn grid_to_world(&self) -> GridToWorld {
+        self.grid_to_world
+    }
+
+    /// Most bytes of one patch.
+    pub fn most_bytes(&self) -> u64 {
+        let vertices = self.grid.vertex_count() * self.form.floats() * size_of::<f32>();
+        (vertices + size_of_val(&*self.triangle_list)) as u64
+    }
+
+    /// The patch of a half that has arrived; `None` where none of its triangles is drawn.
+    pub fn make(&self, node: &Node, half: usize, handle: u64) -> Option<Patch> {
+        let indices = self.own_indices(node, half);
+        if indices.as_ref().is_some_and(|indices| indices.is_empty()) {
+            return None;
+        }
+        let apex = node.halves[half].apex;
+        let cells = self.lattice.cells();
+        let at = |p, q| {
+            let (i, j) = apex.vertex(cells, p, q);
+            (
+                node.placement.vertex(i, j),
+                node.vertices.values[j * (cells + 1) + i],
+            )
+        };
+        let ([column, row], _) = at(0, 0);
+        let leg = |(end, _): ([i64; 2], i32)| [(end[0] - column) as f32, (end[1] - row) as f32];
+        let legs = [leg(at(1, 0)), leg(at(0, 1))];
+        let corners = [at(0, 0), at(cells, 0), at(0, cells)]
+            .map(|([column, row], unit)| self.world([column as f64, row as f64, f64::from(unit)]));
+        Some(Patch {
+            handle,
+            diamond: node.diamond,
+            half: half as u8,
+            level: node.level,
+            origin: [column as f64, row as f64, f64::from(self.base)],
+            legs,
+            corners,
+            bounds: self.bounds(node, half, &corners),
+            error: node.bounds.error,
+            vertices: self.vertices(node, half, legs),
+            indices,
+        })
+    }
+
+    fn world(&self, grid: [f64; 3]) -> [f64; 3] {
+        let GridToWorld { origin, step } = &self.grid_to_world;
+        std::array::from_fn(|axis| origin[axis] + step[axis] * grid[axis])
+    }
+
+    fn bounds(&self, node: &Node, half: usize, corners: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
+        let order = self.grid.matrix_indices(node.halves[half].apex);
+        let heights = order
+            .iter()
+            .map(|&index| node.vertices.values[usize::from(index)]);
+        let (low, high) = heights.fold((i32::MAX, i32::MIN), |(low, high), unit| {
+            (low.min(unit), high.max(unit))
+        });
+        let ends = [low, high].map(|unit| self.world([0.0, 0.0, f64::from(unit)])[2]);
+        let fold = |axis: usize, pick: fn(f64, f64) -> f64| {
+            pick(pick(corners[0][axis], corners[1][axis]), corners[2][axis])
+        };
+        [
+            [fold(0, f64::min), fold(1, f64::min), ends[0].min(ends[1])],
+            [fold(0, f64::max), fold(1, f64::max), ends[0].max(ends[1])],
+        ]
+    }
+
+    fn vertices(&self, node: &Node, half: usize, legs: [[f32; 2]; 2]) -> Box<[f32]> {
+        let order = self.grid.matrix_indices(node.halves[half].apex);
+        let at = |&index: &u16| {
+            let index = usize::from(index);
+            let height = i64::from(node.vertices.values[index]) - i64::from(self.base);
+            (height as f32, node.slopes[index])
+        };
+        let mut vertices = Vec::with_capacity(order.len() * self.form.floats());
+        if self.form == VertexForm::Compact {
+            for (height, [dx, dy]) in order.iter().map(at) {
+                vertices.extend_from_slice(&[height, dx, dy]);
+            }
+            return vertices.into();
+        }
+        for ((p, q), (height, [dx, dy])) in
+            positions(self.lattice.cells()).zip(order.iter().map(at))
+        {
+            let (p, q) = (p as f32, q as f32);
+            let [x, y] = [0, 1].map(|axis| p * legs[0][axis] + q * legs[1][axis]);
+            let length = (1.0 + dx * dx + dy * dy).sqrt();
+            let normal = [-dx / length, -dy / length, 1.0 / length];
+            vertices.extend_from_slice(&[x, y, height, normal[0], normal[1], normal[2]]);
+        }
+        vertices.into()
+    }
+
+    /// The list of triangles drawn ([`Lattice::draws`]), or `None` where all are.
+    fn own_indices(&self, node: &Node, half: usize) -> Option<Box<[u16]>> {
+        if node.is_inside && node.vertices.valid.is_none() {
+            return None;
+        }
+        let apex = node.halves[half].apex;
+        let cells = self.lattice.cells();
+        let order = self.grid.matrix_indices(apex);
+        let places: Vec<[i64; 2]> = positions(cells)
+            .map(|(p, q)| {
+                let (i, j) = apex.vertex(cells, p, q);
+                node.placement.vertex(i, j)
+            })
+            .collect();
+        let is_leaf = node.level == self.lattice.levels();
+        let is_drawn = |triangle: &&[u16]| {
+            let corners: [usize; 3] = std::array::from_fn(|corner| usize::from(triangle[corner]));
+            let valid = corners.map(|vertex| node.vertices.is_valid(usize::from(order[vertex])));
+            self.lattice
+                .draws(is_leaf, corners.map(|vertex| places[vertex]), valid)
+        };
+        let drawn: Vec<u16> = self
+            .triangle_list
+            .chunks_exact(3)
+            .filter(is_drawn)
+            .flatten()
+            .copied()
+            .collect();
+        (drawn.len() < self.triangle_list.len()).then(|| drawn.into())
+    }
+}
+
+/// (p, q) of a patch's vertices in their order.
+pub(super) fn positions(cells: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..=cells).flat_map(move |q| (0..=cells - q).map(move |p| (p, q)))
+}
