@@ -10,7 +10,7 @@ use super::patch::kmb_patch;
 use super::repository::kmb_repository;
 use super::status::kmb_status;
 use crate::cut::{Changes, Cut, CutOptions, Stats, VertexForm, View};
-use crate::schedule::{Budget, UNLIMITED};
+use crate::schedule::Budget;
 
 /// Lifts one limit of a budget, or of a query.
 pub const KMB_UNLIMITED: u64 = u64::MAX;
@@ -162,7 +162,7 @@ impl Handle for kmb_cut {
     }
 }
 
-/// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It shows the coarsest patches until its
+/// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches to draw until its
 /// first update. `options` may be NULL: KMB_VERTEX_EXPANDED. The repository may be closed before the cut is
 /// destroyed.
 ///
@@ -239,7 +239,8 @@ pub unsafe extern "C" fn kmb_cut_destroy(cut: *mut kmb_cut) {
 /// Returns KMB_OK; KMB_BUDGET_TOO_SMALL (the budget is below the coarsest patches: they are shown all the same, and
 /// `stats` is written); KMB_INVALID_ARGUMENT (also for a view with a number that is not finite, with an empty
 /// viewport, or with a tolerance that is not above 0: the cut stays as it was); KMB_INVALID_STRUCT_SIZE;
-/// KMB_IO, KMB_DAMAGED (a block cannot be read; the cut is coarser there, still whole); KMB_PANIC.
+/// KMB_PANIC. A block that cannot be read or is damaged is no failure: the surface stays coarser there, and the log
+/// callback is told once.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_cut_update(
     cut: *mut kmb_cut,
@@ -251,16 +252,16 @@ pub unsafe extern "C" fn kmb_cut_update(
         // SAFETY: the caller passes pointers as the header asks.
         let view = unsafe { input_struct(view) }?;
         let budget = match budget.is_null() {
-            true => NO_LIMITS,
+            true => Budget::UNLIMITED,
             // SAFETY: as above.
-            false => unsafe { input_struct(budget) }?,
+            false => limits(&unsafe { input_struct(budget) }?),
         };
         let out = match stats.is_null() {
             true => None,
             // SAFETY: as above.
             false => Some(unsafe { output_struct(stats) }?),
         };
-        let updated = cut.cut.update(&seen(&view), &limits(&budget));
+        let updated = cut.cut.update(&seen(&view), &budget);
         cut.list_patches();
         let stats = updated?;
         if let Some(out) = out {
@@ -274,17 +275,7 @@ pub unsafe extern "C" fn kmb_cut_update(
     })
 }
 
-const NO_LIMITS: kmb_budget = kmb_budget {
-    struct_size: size_of::<kmb_budget>() as u32,
-    reserved: 0,
-    microseconds: KMB_UNLIMITED,
-    refinements: KMB_UNLIMITED,
-    bytes: KMB_UNLIMITED,
-    upload_bytes: KMB_UNLIMITED,
-    patches: KMB_UNLIMITED,
-};
-
-const _: () = assert!(KMB_UNLIMITED == UNLIMITED);
+const _: () = assert!(KMB_UNLIMITED == Budget::NO_LIMIT);
 
 fn seen(view: &kmb_view) -> View {
     View {

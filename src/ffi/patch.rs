@@ -41,7 +41,7 @@ pub struct kmb_patch_info {
     pub legs: [[f32; 2]; 2],
     /// World positions of the right angle, of the end of p, and of the end of q.
     pub corners: [[f64; 3]; 3],
-    /// Least and greatest world x, y, z of it and of all that may refine it.
+    /// Least and greatest world x, y, z of its vertices.
     pub bounds: [[f64; 3]; 2],
     /// Largest height difference to the finest surface, in world z units; may be infinite.
     pub error: f64,
