@@ -8,6 +8,8 @@ configure_package_config_file(cmake/kimberlite-config.cmake.in kimberlite-config
     INSTALL_DESTINATION "${KMB_PACKAGE_DIRECTORY}"
     PATH_VARS CMAKE_INSTALL_INCLUDEDIR CMAKE_INSTALL_LIBDIR)
 write_basic_package_version_file(kimberlite-config-version.cmake COMPATIBILITY SameMinorVersion)
+# The prefix as seen from the .pc file, so that the installed tree can be moved.
+file(RELATIVE_PATH KMB_PREFIX_FROM_PACKAGE "/${CMAKE_INSTALL_LIBDIR}/pkgconfig" "/")
 configure_file(cmake/kimberlite.pc.in kimberlite.pc @ONLY)
 file(CREATE_LINK "${KMB_SONAME}" "${CMAKE_CURRENT_BINARY_DIR}/libkimberlite.so" SYMBOLIC)
 

@@ -7,13 +7,11 @@ use super::boundary::{
     Failure, Handle, SizedStruct, boundary, input_struct, output, output_struct,
 };
 use super::patch::kmb_patch;
+use super::query::KMB_UNLIMITED;
 use super::repository::kmb_repository;
 use super::status::kmb_status;
 use crate::cut::{Changes, Cut, CutOptions, Stats, VertexForm, View};
 use crate::schedule::Budget;
-
-/// Lifts one limit of a budget, or of a query.
-pub const KMB_UNLIMITED: u64 = u64::MAX;
 
 /// What a vertex of a patch holds. All are floats without padding between them.
 #[repr(C)]

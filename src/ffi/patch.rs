@@ -6,9 +6,11 @@ use super::boundary::{SizedStruct, boundary, output_struct, required};
 use super::status::kmb_status;
 use crate::cut::Patch;
 
-/// One right triangle of terrain as vertices; it never changes. C holds it by reference.
-#[repr(transparent)]
-pub struct kmb_patch(Patch);
+/// One right triangle of terrain as vertices; it never changes.
+// C's name for a `Patch` in an `Arc`; only pointers to it exist.
+pub struct kmb_patch {
+    _only_behind_pointers: (),
+}
 
 impl kmb_patch {
     /// The patch as C sees it; it counts no reference.
@@ -72,7 +74,7 @@ pub unsafe extern "C" fn kmb_patch_describe(
 ) -> kmb_status {
     boundary!({
         // SAFETY: the caller passes pointers as the header asks.
-        let (patch, out) = unsafe { (&required(patch, "patch")?.0, output_struct(info)?) };
+        let (patch, out) = unsafe { (required(patch.cast::<Patch>(), "patch")?, output_struct(info)?) };
         let indices = patch.indices.as_deref();
         out.write(kmb_patch_info {
             struct_size: size_of::<kmb_patch_info>() as u32,
@@ -106,7 +108,7 @@ pub unsafe extern "C" fn kmb_patch_describe(
 pub unsafe extern "C" fn kmb_patch_retain(patch: *const kmb_patch) -> kmb_status {
     boundary!({
         // SAFETY: the caller passes NULL or a patch that lives.
-        unsafe { required(patch, "patch") }?;
+        unsafe { required(patch.cast::<Patch>(), "patch") }?;
         // SAFETY: a patch that C sees is that of an `Arc`, which lives.
         unsafe { Arc::increment_strong_count(patch.cast::<Patch>()) };
         Ok(())

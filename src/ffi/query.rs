@@ -10,6 +10,9 @@ use super::repository::kmb_repository;
 use super::status::kmb_status;
 use crate::cut::{Height, Query, Window, read_window};
 
+/// Lifts a limit: the bytes of a query, or any limit of a kmb_budget.
+pub const KMB_UNLIMITED: u64 = u64::MAX;
+
 /// A height of the finest level.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
