@@ -1,6 +1,29 @@
-//! Floor 3: what the command line and the tests do with whole repositories.
+//! Floor 3: what the command line and the tests do with whole repositories. Prints nothing. Knows
+//! `build` and `cut` beside it.
 
+mod bands;
+mod bench;
 mod cracks;
+mod extract;
+mod flight;
+mod fly;
+mod memory;
+mod random;
 pub mod raster_file;
+mod verify;
 
+pub use bench::{Speed, bench};
 pub use cracks::count_cracks;
+pub use extract::{Extract, Extracted, extract};
+pub use fly::{Flight, FlightReport, fly};
+pub use memory::peak_memory_bytes;
+pub use verify::{Comparison, DamagedBlocks, Verdict, verify};
+
+/// Told how much is done, and of how much; false cancels.
+pub type Progress<'a> = &'a mut dyn FnMut(u64, u64) -> bool;
+
+/// The value of sorted numbers that this share of them does not exceed; 0 of none.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let place = (sorted.len() as f64 * share).ceil() as usize;
+    sorted.get(place.saturating_sub(1)).copied().unwrap_or(0.0)
+}

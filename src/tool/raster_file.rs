@@ -42,7 +42,8 @@ pub fn write_geotiff(
         _ => Path::new("."),
     };
     let mut file = create_beside(folder).map_err(Error::io(path, "cannot create"))?;
-    let bytes = u64::from(info.width) * u64::from(info.height) * info.sample_type.size() as u64;
+    let row_bytes = u64::from(info.width) * info.sample_type.size() as u64;
+    let bytes = row_bytes.saturating_mul(u64::from(info.height));
     if bytes >= BIG_TIFF_BYTES {
         write_image::<TiffKindBig>(path, file.as_file_mut(), info, rows)?;
     } else {
@@ -398,5 +399,48 @@ impl SampleEncoder {
             return format!("is valid, but equals the nodata value {sample}");
         }
         format!("is {sample}, which {} cannot hold", self.sample_type.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::build::source::{SourceOptions, open};
+
+    #[test]
+    fn big_tiff_reads_back_like_any_other() {
+        let mut info = RasterInfo::new(300, 500, SampleType::I16);
+        info.nodata = Some(-9999.0);
+        info.georeferenced = true;
+        info.crs = "EPSG:32610".to_string();
+        let rows = |first: u32, rows: &mut [f64]| {
+            for (index, sample) in (first * 300..).zip(rows) {
+                *sample = if index % 7 == 0 {
+                    f64::NAN
+                } else {
+                    f64::from(index % 3001)
+                };
+            }
+            Ok(())
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("big.tif");
+        write_image::<TiffKindBig>(&path, &mut File::create(&path).unwrap(), &info, rows).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap()[2], 43);
+        let mut source = open(&path, &SourceOptions::default()).unwrap();
+        assert_eq!((source.info().width, source.info().height), (300, 500));
+        assert_eq!(
+            (source.info().crs.as_str(), source.info().nodata),
+            ("EPSG:32610", info.nodata)
+        );
+        let (mut expected, mut read) = (vec![0.0; 150_000], vec![0.0; 150_000]);
+        rows(0, &mut expected).unwrap();
+        source.read_rows(&mut read).unwrap();
+        assert!(
+            expected
+                .iter()
+                .zip(&read)
+                .all(|(a, b)| a == b || a.is_nan() && b.is_nan())
+        );
     }
 }

@@ -142,15 +142,13 @@ impl Header {
         }
     }
 
-    fn bil(&self) -> Result<(RasterInfo, Layout)> {
-        self.one_band("nbands")?;
-        let (width, height) = (self.required("ncols")?, self.required("nrows")?);
+    fn bil_sample_type(&self) -> Result<SampleType> {
         let bits = self.number::<u32>("nbits")?.unwrap_or(8);
         let pixel_type = self
             .text("pixeltype")
             .unwrap_or("UNSIGNEDINT")
             .to_ascii_uppercase();
-        let sample_type = match (pixel_type.as_str(), bits) {
+        Ok(match (pixel_type.as_str(), bits) {
             ("UNSIGNEDINT", 8) => SampleType::U8,
             ("UNSIGNEDINT", 16) => SampleType::U16,
             ("UNSIGNEDINT", 32) => SampleType::U32,
@@ -165,7 +163,13 @@ impl Header {
             _ => {
                 return Err(self.refuse("pixeltype", "is none of UNSIGNEDINT, SIGNEDINT and FLOAT"));
             }
-        };
+        })
+    }
+
+    fn bil(&self) -> Result<(RasterInfo, Layout)> {
+        self.one_band("nbands")?;
+        let (width, height) = (self.required("ncols")?, self.required("nrows")?);
+        let sample_type = self.bil_sample_type()?;
         let order = match self
             .text("byteorder")
             .unwrap_or("I")
@@ -284,6 +288,12 @@ impl Header {
         ];
         info.georeferenced = true;
         info.registration = Registration::Area;
+        self.reference_system(&fields, info);
+        Ok(())
+    }
+
+    /// From WKT, or from the projection's name where it is well known.
+    fn reference_system(&self, fields: &[&str], info: &mut RasterInfo) {
         let wgs84 = fields
             .iter()
             .any(|field| field.eq_ignore_ascii_case("WGS-84"));
@@ -307,6 +317,5 @@ impl Header {
                 info.crs = format!("EPSG:{}", if south { 32700 } else { 32600 } + zone);
             }
         }
-        Ok(())
     }
 }

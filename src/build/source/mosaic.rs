@@ -123,7 +123,7 @@ impl RasterSource for Mosaic {
 
     fn read_rows(&mut self, samples: &mut [f64]) -> Result<()> {
         rows_asked(&self.info, self.next_row, samples)?;
-        let width = self.info.width as usize;
+        let width = self.info.width.max(1) as usize;
         samples
             .chunks_exact_mut(width)
             .try_for_each(|row| self.read_row(row))

@@ -1,0 +1,191 @@
+//! What can be said on the command line.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use kimberlite::build::source::{SourceOptions, parse_raw_shape};
+use kimberlite::geo::SampleType;
+use std::path::{Path, PathBuf};
+
+/// Compressed, crack-free, multiresolution terrains in one file.
+#[derive(Parser)]
+#[command(name = "kmb", version)]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Command,
+    /// Print one JSON object instead of text
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Make a repository out of a raster
+    Build(Build),
+    /// Say what a repository holds
+    Info { file: PathBuf },
+    /// Check a repository, and its distance from its input
+    Verify {
+        file: PathBuf,
+        /// The rasters that it was built from
+        #[arg(long, num_args = 1.., value_name = "IN")]
+        against: Vec<PathBuf>,
+        #[command(flatten)]
+        source: Source,
+    },
+    /// Write a level of a repository as a GeoTIFF
+    Extract(Extract),
+    /// Measure a flight over a repository, and look for cracks
+    Fly(Fly),
+    /// Measure how fast blocks are read and decoded
+    Bench { file: PathBuf },
+    /// The height at a place in the raster's reference system
+    #[command(allow_negative_numbers = true)]
+    Height { file: PathBuf, x: f64, y: f64 },
+}
+
+impl Command {
+    /// The file that an error without a place of its own is about.
+    pub fn subject(&self) -> &Path {
+        match self {
+            Command::Build(build) => build.inputs.first().unwrap_or(&build.output),
+            Command::Extract(extract) => &extract.file,
+            Command::Fly(fly) => &fly.file,
+            Command::Info { file }
+            | Command::Verify { file, .. }
+            | Command::Bench { file }
+            | Command::Height { file, .. } => file,
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct Build {
+    /// GeoTIFF, 16-bit PNG, SRTM .hgt, ESRI ASCII grid, .bil with .hdr, or --raw; several make a mosaic
+    #[arg(required = true, value_name = "IN")]
+    pub inputs: Vec<PathBuf>,
+    /// The repository to write
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+    /// Largest error of any sample, in the raster's own units; 0 is lossless
+    #[arg(long, value_name = "E", value_parser = max_error, allow_hyphen_values = true)]
+    pub max_error: f64,
+    /// How samples become coefficients
+    #[arg(long, value_enum, default_value = "interpolating")]
+    pub transform: Transform,
+    /// How coefficients become bits
+    #[arg(long, value_enum, default_value = "gamma")]
+    pub entropy: Entropy,
+    /// Cells along a diamond's side
+    #[arg(long, value_enum, default_value = "64")]
+    pub cells: Cells,
+    /// Number of threads; 0 uses all processors
+    #[arg(long, default_value_t = 0)]
+    pub threads: usize,
+    #[command(flatten)]
+    pub source: Source,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Transform {
+    Interpolating,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Entropy {
+    Gamma,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Cells {
+    #[value(name = "16")]
+    Cells16 = 4,
+    #[value(name = "32")]
+    Cells32 = 5,
+    #[value(name = "64")]
+    Cells64 = 6,
+    #[value(name = "128")]
+    Cells128 = 7,
+}
+
+/// What an input leaves unsaid.
+#[derive(Args)]
+pub struct Source {
+    /// Distance between samples, where the input has no georeference
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    spacing: Option<f64>,
+    /// Physical height of one unit of the samples
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    scale: Option<f64>,
+    /// The value of samples without data
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    nodata: Option<f64>,
+    /// The input is nothing but little-endian samples: width, height and u8, i8, ... f32 or f64
+    #[arg(long, value_name = "WxHxTYPE", value_parser = raw_shape)]
+    raw: Option<(u32, u32, SampleType)>,
+}
+
+impl Source {
+    pub fn options(&self) -> SourceOptions {
+        SourceOptions {
+            spacing: self.spacing,
+            scale: self.scale,
+            nodata: self.nodata,
+            raw: self.raw,
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct Extract {
+    pub file: PathBuf,
+    /// The GeoTIFF to write
+    #[arg(short, long, value_name = "OUT.tif")]
+    pub output: PathBuf,
+    /// An even level; the finest by default, every two levels less double the distance between samples
+    #[arg(long, value_name = "L")]
+    pub level: Option<u32>,
+    /// Two corners of a box in the raster's reference system
+    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"], allow_negative_numbers = true)]
+    pub bbox: Option<Vec<f64>>,
+}
+
+#[derive(Args)]
+pub struct Fly {
+    pub file: PathBuf,
+    /// Number of frames
+    #[arg(long, default_value_t = 600)]
+    pub frames: u32,
+    /// Width and height of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x1024", value_parser = size)]
+    pub size: [u32; 2],
+    /// Largest error on screen, in pixels
+    #[arg(
+        long,
+        value_name = "PX",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
+    pub tolerance: f64,
+    /// Time for refinement in a frame, in microseconds; unlimited by default
+    #[arg(long, value_name = "N")]
+    pub budget_us: Option<u64>,
+}
+
+fn max_error(text: &str) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if number >= 0.0 && number.is_finite() {
+        return Ok(number);
+    }
+    Err("must be a finite number from 0 up".to_owned())
+}
+
+fn raw_shape(text: &str) -> Result<(u32, u32, SampleType), String> {
+    parse_raw_shape(text).map_err(|error| error.to_string())
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let parse = |text: &str| text.parse::<u32>().ok().filter(|&pixels| pixels > 0);
+    let sides = text
+        .split_once('x')
+        .and_then(|(w, h)| Some([parse(w)?, parse(h)?]));
+    sides.ok_or_else(|| "expected WxH, as in 1280x1024".to_owned())
+}

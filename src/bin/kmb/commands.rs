@@ -1,0 +1,313 @@
+//! The subcommands: each asks the library, and reports what it answers.
+
+use crate::arguments::{self, Command};
+use crate::progress::Progress;
+use crate::report::Report;
+use kimberlite::build::source::open_all;
+use kimberlite::build::{self, BuildOptions};
+use kimberlite::cut::{DiamondSource, Query, Terrain};
+use kimberlite::geo::Registration;
+use kimberlite::store::{Access, DomainKind, EntropyKind, Kind, TransformKind};
+use kimberlite::tool::{self, Extract, Flight, Verdict, peak_memory_bytes};
+use kimberlite::{Error, Result};
+use serde_json::{Map, Value};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Decoded data that one height may hold.
+const QUERY_BYTES: u64 = 64 << 20;
+
+/// What a command found.
+pub struct Outcome {
+    pub report: Report,
+    /// Why the check failed, if it did.
+    pub failure: Option<String>,
+}
+
+impl From<Report> for Outcome {
+    fn from(report: Report) -> Outcome {
+        Outcome {
+            report,
+            failure: None,
+        }
+    }
+}
+
+pub fn run(command: &Command) -> Result<Outcome> {
+    match command {
+        Command::Build(arguments) => build(arguments).map(Outcome::from),
+        Command::Info { file } => info(file).map(Outcome::from),
+        Command::Verify {
+            file,
+            against,
+            source,
+        } => verify(file, against, source),
+        Command::Extract(arguments) => extract(arguments).map(Outcome::from),
+        Command::Fly(arguments) => fly(arguments).map(Outcome::from),
+        Command::Bench { file } => bench(file).map(Outcome::from),
+        Command::Height { file, x, y } => height(file, *x, *y).map(Outcome::from),
+    }
+}
+
+fn open(file: &Path) -> Result<Terrain> {
+    Terrain::open(file, Access::Map)
+}
+
+fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
+    Progress::start(task).map_err(Error::io(file, "cannot watch for Ctrl-C"))
+}
+
+fn build(arguments: &arguments::Build) -> Result<Report> {
+    let start = Instant::now();
+    // One variant each today: they are named so that scripts can say what they rely on.
+    let (arguments::Transform::Interpolating, arguments::Entropy::Gamma) =
+        (arguments.transform, arguments.entropy);
+    let options = BuildOptions {
+        max_error: arguments.max_error,
+        cells_log2: arguments.cells as u32,
+        threads: arguments.threads,
+    };
+    let output = &arguments.output;
+    let mut source = open_all(&arguments.inputs, &arguments.source.options())?;
+    let progress = start_progress("building", output)?;
+    let mut step = |done, total| progress.step(done, total);
+    let built = build::build(source.as_mut(), &options, output, &mut step)?;
+    Ok(Report::default()
+        .with("samples", built.samples)
+        .with("bytes", built.bytes)
+        .with(
+            "bits_per_sample",
+            bits_per_sample(built.bytes, built.samples, built.void_samples),
+        )
+        .with("max_error", built.max_error)
+        .with("rms_error", built.rms_error)
+        .with("seconds", start.elapsed().as_secs_f64())
+        .with("peak_memory_bytes", peak_memory_bytes()))
+}
+
+/// Bits of the file for every valid sample; `None` where there is none.
+fn bits_per_sample(bytes: u64, samples: u64, void_samples: u64) -> Option<f64> {
+    let valid = samples.saturating_sub(void_samples);
+    (valid > 0).then(|| 8.0 * bytes as f64 / valid as f64)
+}
+
+fn info(file: &Path) -> Result<Report> {
+    let terrain = open(file)?;
+    let (header, store) = (terrain.header(), terrain.store());
+    let raster = &header.raster;
+    let bytes = store.file_bytes();
+    let metadata: Map<String, Value> = raster
+        .metadata
+        .iter()
+        .map(|(key, value)| (key.clone(), readable(value).into()))
+        .collect();
+    let kind = match header.kind {
+        Kind::Heights => "heights",
+        Kind::Colours => "colours",
+        Kind::City => "city",
+    };
+    let domain = match header.domain {
+        DomainKind::Planar => "planar",
+        DomainKind::CubeSphere => "cube-sphere",
+    };
+    let transform = match header.transform {
+        TransformKind::Interpolating => "interpolating",
+        TransformKind::Lifted => "lifted",
+        TransformKind::TwoStage => "two-stage",
+    };
+    let entropy = match header.entropy {
+        EntropyKind::Gamma => "gamma",
+        EntropyKind::Rans => "rans",
+    };
+    let registration = match raster.registration {
+        Registration::Area => "area",
+        Registration::Point => "point",
+    };
+    Ok(Report::default()
+        .with("kind", kind)
+        .with("domain", domain)
+        .with("transform", transform)
+        .with("entropy", entropy)
+        .with("cells", terrain.lattice().cells())
+        .with("levels", header.levels)
+        .with("diamonds", header.block_count)
+        .with("samples", header.samples)
+        .with("void_samples", header.void_samples)
+        .with("bytes", bytes)
+        .with("payload_bytes", store.payload_bytes())
+        .with(
+            "bits_per_sample",
+            bits_per_sample(bytes, header.samples, header.void_samples),
+        )
+        .with("max_error", header.max_error)
+        .with("max_error_bound", header.max_error_bound)
+        .with("rms_error", header.rms_error)
+        .with("lossless", header.lossless)
+        .with("width", raster.width)
+        .with("height", raster.height)
+        .with("sample_type", raster.sample_type.name())
+        .with("sample_min", header.sample_min)
+        .with("sample_max", header.sample_max)
+        .with("crs", raster.crs.as_str())
+        .with("geographic", raster.geographic)
+        .with("georeferenced", raster.georeferenced)
+        .with("geotransform", raster.geotransform.to_vec())
+        .with("registration", registration)
+        .with("nodata", raster.nodata)
+        .with("units", raster.units.as_str())
+        .with("value_scale", raster.value_scale)
+        .with("value_offset", raster.value_offset)
+        .with("metadata", metadata))
+}
+
+/// Text as it is, without the zeros that end it; other bytes as hexadecimal digits.
+fn readable(bytes: &[u8]) -> String {
+    let text = std::str::from_utf8(bytes)
+        .ok()
+        .map(|text| text.trim_end_matches('\0'));
+    match text.filter(|text| !text.contains(|c: char| c.is_control() && !c.is_whitespace())) {
+        Some(text) => text.to_owned(),
+        None => bytes.iter().map(|byte| format!("{byte:02x}")).collect(),
+    }
+}
+
+fn verify(file: &Path, against: &[PathBuf], source: &arguments::Source) -> Result<Outcome> {
+    let terrain = match open(file) {
+        // Without a sound header there is no saying how many blocks there are.
+        Err(Error::Damaged { message, .. }) => {
+            let report = Report::default()
+                .with("ok", false)
+                .with("damaged_blocks", Value::Null)
+                .with("damage", vec![message.clone()]);
+            return Ok(Outcome {
+                report,
+                failure: Some(format!("damaged: {message}")),
+            });
+        }
+        opened => opened?,
+    };
+    let mut source = match against {
+        [] => None,
+        inputs => Some(open_all(inputs, &source.options())?),
+    };
+    let progress = start_progress("verifying", file)?;
+    let mut step = |done, total| progress.step(done, total);
+    // The closure shortens the lifetime of the trait object inside the box.
+    let against = source.as_mut().map(|source| source.as_mut() as _);
+    let verdict = tool::verify(&terrain, against, &mut step)?;
+    let damage: Vec<&str> = verdict
+        .damage
+        .iter()
+        .map(|d| d.description.as_str())
+        .collect();
+    let mut report = Report::default()
+        .with("ok", verdict.ok)
+        .with("damaged_blocks", verdict.damaged_blocks())
+        .with("damage", damage);
+    if source.is_some() {
+        let found = verdict.comparison;
+        report = report
+            .with("max_error", found.map(|found| found.max_error))
+            .with("rms_error", found.map(|found| found.rms_error))
+            .with("void_mismatches", found.map(|found| found.void_mismatches));
+    }
+    let failure = failure(&verdict, terrain.header().max_error_bound);
+    Ok(Outcome { report, failure })
+}
+
+fn failure(verdict: &Verdict, bound: f64) -> Option<String> {
+    match (verdict.ok, &verdict.damage[..], verdict.comparison) {
+        (true, ..) => None,
+        (false, [first, ..], _) => Some(format!(
+            "{} damaged blocks: {}",
+            verdict.damaged_blocks(),
+            first.description
+        )),
+        (false, [], Some(found)) if found.void_mismatches > 0 => Some(format!(
+            "{} samples are void only here or only there",
+            found.void_mismatches
+        )),
+        (false, [], found) => {
+            let max_error = found.map_or(f64::NAN, |found| found.max_error);
+            Some(format!(
+                "the max error of {max_error} exceeds the stored bound {bound}"
+            ))
+        }
+    }
+}
+
+fn extract(arguments: &arguments::Extract) -> Result<Report> {
+    let corners = match arguments.bbox.as_deref() {
+        Some(&[x0, y0, x1, y1]) => Some([x0, y0, x1, y1]),
+        _ => None,
+    };
+    let what = Extract {
+        level: arguments.level,
+        corners,
+    };
+    let terrain = open(&arguments.file)?;
+    let progress = start_progress("extracting", &arguments.file)?;
+    let mut step = |done, total| progress.step(done, total);
+    let extracted = tool::extract(&terrain, &arguments.output, &what, &mut step)?;
+    Ok(Report::default()
+        .with("width", extracted.width)
+        .with("height", extracted.height)
+        .with("level", extracted.level))
+}
+
+fn fly(arguments: &arguments::Fly) -> Result<Report> {
+    let flight = Flight {
+        frames: arguments.frames,
+        viewport: arguments.size,
+        tolerance: arguments.tolerance,
+        budget_microseconds: arguments.budget_us,
+    };
+    let terrain = Arc::new(open(&arguments.file)?);
+    let progress = start_progress("flying", &arguments.file)?;
+    let mut step = |done, total| progress.step(done, total);
+    let flown = tool::fly(&terrain, &flight, &mut step)?;
+    Ok(Report::default()
+        .with("frames", flown.frames)
+        .with("update_us_p50", flown.update_us_p50)
+        .with("update_us_p99", flown.update_us_p99)
+        .with("update_us_max", flown.update_us_max)
+        .with("fixed_us_p50", flown.fixed_us_p50)
+        .with("fixed_us_p99", flown.fixed_us_p99)
+        .with("budget_overruns", flown.budget_overruns)
+        .with("triangles_mean", flown.triangles_mean)
+        .with("patches_mean", flown.patches_mean)
+        .with("cracks", flown.cracks)
+        .with("refined_diamonds", flown.refined_diamonds)
+        .with("peak_memory_bytes", peak_memory_bytes()))
+}
+
+fn bench(file: &Path) -> Result<Report> {
+    let speed = tool::bench(&open(file)?)?;
+    Ok(Report::default()
+        .with("decode_msamples_per_s", speed.decode_msamples_per_s)
+        .with("get_ns_p50", speed.get_ns_p50)
+        .with("get_ns_p99", speed.get_ns_p99))
+}
+
+fn height(file: &Path, x: f64, y: f64) -> Result<Report> {
+    let terrain = Arc::new(open(file)?);
+    let mut query = Query::new(terrain.clone(), QUERY_BYTES);
+    let Some(found) = query.height_at_crs(x, y)? else {
+        let raster = &terrain.header().raster;
+        let inside = raster.crs_to_sample(x, y).is_some_and(|[column, row]| {
+            (0.0..=f64::from(raster.width) - 1.0).contains(&column)
+                && (0.0..=f64::from(raster.height) - 1.0).contains(&row)
+        });
+        let cause = if inside {
+            "is void"
+        } else {
+            "is outside the raster's samples"
+        };
+        return Err(Error::Argument(format!("({x}, {y}) {cause}")));
+    };
+    Ok(Report::default()
+        .with("height", found.height)
+        .with("error_bound", found.error_bound)
+        .with("level", found.level))
+}

@@ -1,0 +1,59 @@
+//! Rows of a window out of a repository, decoded a band at a time, so that memory stays bounded.
+
+use crate::Result;
+use crate::cut::{Terrain, Window, read_window};
+
+/// Samples of a band: few enough for memory, so many that ancestors are seldom decoded again.
+const BAND_SAMPLES: u32 = 1 << 22;
+
+/// Rows of a window, read from the first to the last.
+pub(super) struct Bands<'a> {
+    terrain: &'a Terrain,
+    level: u32,
+    window: Window,
+    samples: Vec<f64>,
+    /// Rows of the window in `samples`.
+    rows: std::ops::Range<u32>,
+}
+
+impl<'a> Bands<'a> {
+    /// The rows of `window`, in samples of the even level `level`.
+    pub(super) fn new(terrain: &'a Terrain, level: u32, window: Window) -> Bands<'a> {
+        Bands {
+            terrain,
+            level,
+            window,
+            samples: Vec::new(),
+            rows: 0..0,
+        }
+    }
+
+    /// Height of a band, but for the last.
+    pub(super) fn band_rows(&self) -> u32 {
+        (BAND_SAMPLES / self.window.width).clamp(1, self.window.height)
+    }
+
+    /// The samples of row `row`; NaN is a void.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`read_window`] over the band that begins at this row, if no band before it holds it.
+    pub(super) fn row(&mut self, row: u32) -> Result<&[f64]> {
+        if !self.rows.contains(&row) {
+            self.rows = 0..0;
+            let rows = self.band_rows().min(self.window.height - row);
+            let width = self.window.width;
+            let band = Window {
+                row: self.window.row + row,
+                height: rows,
+                ..self.window
+            };
+            self.samples
+                .resize(width as usize * rows as usize, f64::NAN);
+            read_window(self.terrain, self.level, band, &mut self.samples)?;
+            self.rows = row..row + rows;
+        }
+        let start = (row - self.rows.start) as usize * self.window.width as usize;
+        Ok(&self.samples[start..start + self.window.width as usize])
+    }
+}

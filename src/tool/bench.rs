@@ -1,0 +1,139 @@
+//! How fast blocks are read and decoded.
+
+use super::random::Random;
+use crate::codec::{Matrix, child_vertices};
+use crate::cut::{DiamondSource, Terrain};
+use crate::lattice::Diamond;
+use crate::{Error, Result};
+use std::collections::{HashMap, HashSet};
+use std::hint::black_box;
+use std::time::Instant;
+
+/// Diamonds that are decoded for the measurement.
+const DECODED: usize = 2048;
+/// Blocks that are looked up.
+const LOOKED_UP: usize = 100_000;
+
+/// What was measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Speed {
+    /// Centres decoded a second, in millions, on one core: reading the block from the warm file, its
+    /// mask and coefficients, and the prediction, from vertices in memory.
+    pub decode_msamples_per_s: f64,
+    /// Median time to get a random block by its rank, in nanoseconds.
+    pub get_ns_p50: f64,
+    /// The time that 99 in 100 do not exceed.
+    pub get_ns_p99: f64,
+}
+
+/// Measures decoding of random diamonds of the finest level that has blocks, and random look-ups.
+///
+/// # Errors
+///
+/// [`Error::Argument`] for a repository of a root alone; those of reading.
+pub fn bench(terrain: &Terrain) -> Result<Speed> {
+    if terrain.lattice().diamond_count() == 0 {
+        return Err(Error::Argument(
+            "it holds nothing but its root: nothing to measure".into(),
+        ));
+    }
+    let mut random = Random(1);
+    let decode_msamples_per_s = measure_decoding(terrain, &mut random)?;
+    let mut nanoseconds = measure_look_ups(terrain, &mut random)?;
+    nanoseconds.sort_by(f64::total_cmp);
+    Ok(Speed {
+        decode_msamples_per_s,
+        get_ns_p50: super::quantile(&nanoseconds, 0.5),
+        get_ns_p99: super::quantile(&nanoseconds, 0.99),
+    })
+}
+
+fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
+    let lattice = terrain.lattice();
+    let chosen = choose(terrain, random);
+    let vertices = prepare_vertices(terrain, &chosen)?;
+    let prepared = || {
+        chosen
+            .iter()
+            .filter_map(|&diamond| Some((diamond, vertices.get(&diamond)?)))
+    };
+    // The first pass verifies checksums and warms the file.
+    for (diamond, vertices) in prepared() {
+        terrain.centres(diamond, vertices)?;
+    }
+    let start = Instant::now();
+    for (diamond, vertices) in prepared() {
+        black_box(terrain.centres(diamond, vertices)?);
+    }
+    let samples = chosen.len() * lattice.cells() * lattice.cells();
+    Ok(samples as f64 / start.elapsed().as_secs_f64() / 1e6)
+}
+
+/// Diamonds of the finest level with blocks, without repetition, in random order.
+fn choose(terrain: &Terrain, random: &mut Random) -> Vec<Diamond> {
+    let lattice = terrain.lattice();
+    let ranks = lattice.level_ranks(lattice.levels() - 1);
+    let count = ranks.end - ranks.start;
+    let wanted = count.min(DECODED as u64) as usize;
+    // Those of one in every so many ranks, then shuffled.
+    let mut chosen: Vec<Diamond> = (0..wanted as u64)
+        .map(|place| {
+            let [first, end] = [place, place + 1].map(|place| place * count / wanted as u64);
+            lattice.diamond(ranks.start + first + random.below(end - first))
+        })
+        .collect();
+    for last in (1..chosen.len()).rev() {
+        chosen.swap(last, random.below(last as u64 + 1) as usize);
+    }
+    chosen
+}
+
+/// The vertex matrices of some diamonds of one level, by decoding their ancestors from the root down.
+fn prepare_vertices(terrain: &Terrain, chosen: &[Diamond]) -> Result<HashMap<Diamond, Matrix>> {
+    let lattice = terrain.lattice();
+    let mut generations: Vec<Vec<Diamond>> = vec![chosen.to_vec()];
+    while let Some(finer) = generations
+        .last()
+        .filter(|finer| finer.first() != Some(&lattice.root()))
+    {
+        let parents = finer
+            .iter()
+            .flat_map(|&diamond| lattice.parents(diamond))
+            .flatten();
+        let parents: HashSet<Diamond> = parents.collect();
+        generations.push(parents.into_iter().collect());
+    }
+    generations.pop();
+    let mut known = HashMap::from([(lattice.root(), terrain.root().clone())]);
+    while let Some(generation) = generations.pop() {
+        let mut refined = HashMap::with_capacity(known.len());
+        for (diamond, vertices) in known {
+            let centres = terrain.centres(diamond, &vertices)?;
+            refined.insert(diamond, (vertices, centres));
+        }
+        let gather = |&diamond: &Diamond| {
+            let parents = lattice.parents(diamond).map(|parent| {
+                let (vertices, centres) = refined.get(&parent?)?;
+                Some((vertices, centres))
+            });
+            (diamond, child_vertices(lattice, diamond, parents))
+        };
+        known = generation.iter().map(gather).collect();
+    }
+    Ok(known)
+}
+
+fn measure_look_ups(terrain: &Terrain, random: &mut Random) -> Result<Vec<f64>> {
+    let (store, count) = (terrain.store(), terrain.lattice().diamond_count());
+    let mut scratch = Vec::new();
+    let ranks: Vec<u64> = (0..LOOKED_UP).map(|_| random.below(count)).collect();
+    for &rank in &ranks {
+        store.block(rank, &mut scratch)?;
+    }
+    let look_up = |&rank: &u64| {
+        let start = Instant::now();
+        black_box(store.block(rank, &mut scratch)?);
+        Ok(start.elapsed().as_nanos() as f64)
+    };
+    ranks.iter().map(look_up).collect()
+}

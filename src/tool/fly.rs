@@ -1,0 +1,156 @@
+//! A flight without a picture: what every frame costs, and whether its surface has cracks.
+
+use super::cracks::count_cracks;
+use super::{Progress, flight, quantile};
+use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, VertexForm};
+use crate::schedule::Budget;
+use crate::{Error, Result};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// How to fly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flight {
+    /// Number of frames.
+    pub frames: u32,
+    /// Width and height of the picture in pixels.
+    pub viewport: [u32; 2],
+    /// Largest error on screen that need not be refined, in pixels.
+    pub tolerance: f64,
+    /// Time for refinement in a frame; `None` sets no limit.
+    pub budget_microseconds: Option<u64>,
+}
+
+/// What a flight cost. Times are in microseconds a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlightReport {
+    /// Number of frames.
+    pub frames: u64,
+    /// Median of the whole update.
+    pub update_us_p50: f64,
+    /// What 99 in 100 updates do not exceed.
+    pub update_us_p99: f64,
+    /// The longest update.
+    pub update_us_max: f64,
+    /// Median of the time that the present cut's new priorities took.
+    pub fixed_us_p50: f64,
+    /// What 99 in 100 frames do not exceed of it.
+    pub fixed_us_p99: f64,
+    /// Frames in which a refinement began after the deadline.
+    pub budget_overruns: u64,
+    /// Triangles to draw, in the mean.
+    pub triangles_mean: f64,
+    /// Patches to draw, in the mean.
+    pub patches_mean: f64,
+    /// Cracks over all frames.
+    pub cracks: u64,
+    /// Diamonds refined over all frames.
+    pub refined_diamonds: u64,
+}
+
+/// Flies over a terrain along a fixed path, and checks every frame's whole surface for cracks.
+///
+/// # Errors
+///
+/// [`Error::Argument`] for no frames or no pixels, or a tolerance that is no positive number; those of
+/// the update; [`Error::Cancelled`].
+pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Result<FlightReport> {
+    check(flight)?;
+    let views = flight::views(terrain, flight.frames, flight.viewport, flight.tolerance)?;
+    let mut cut = Cut::new(
+        terrain.clone(),
+        CutOptions {
+            vertex_form: VertexForm::Expanded,
+        },
+    )?;
+    let budget = Budget {
+        microseconds: flight.budget_microseconds.unwrap_or(u64::MAX),
+        ..Budget::UNLIMITED
+    };
+    // Beside a void a triangle may be missing.
+    let has_voids = terrain.header().void_samples > 0;
+    let mut log = Log::default();
+    for (frame, view) in views.iter().enumerate() {
+        if !progress(frame as u64, views.len() as u64) {
+            return Err(Error::Cancelled);
+        }
+        let start = Instant::now();
+        let stats = cut.update(view, &budget)?;
+        let microseconds = start.elapsed().as_secs_f64() * 1e6;
+        // As a program that draws would, so that the lists of changes do not pile up.
+        cut.take_changes();
+        log.add(
+            &stats,
+            microseconds,
+            count_cracks(
+                cut.all_patches().map(Arc::as_ref),
+                terrain.lattice(),
+                |_, _| has_voids,
+            ),
+        );
+    }
+    Ok(log.report())
+}
+
+fn check(flight: &Flight) -> Result<()> {
+    let problem = if flight.frames == 0 {
+        "a flight needs at least one frame".to_owned()
+    } else if flight.viewport.contains(&0) {
+        format!(
+            "a picture of {} x {} has no pixels",
+            flight.viewport[0], flight.viewport[1]
+        )
+    } else if !(flight.tolerance > 0.0 && flight.tolerance.is_finite()) {
+        format!(
+            "the tolerance must be a positive number of pixels, not {}",
+            flight.tolerance
+        )
+    } else {
+        return Ok(());
+    };
+    Err(Error::Argument(problem))
+}
+
+/// What the frames so far came to.
+#[derive(Default)]
+struct Log {
+    updates: Vec<f64>,
+    fixed: Vec<f64>,
+    overruns: u64,
+    triangles: u64,
+    patches: u64,
+    cracks: u64,
+    refined: u64,
+}
+
+impl Log {
+    fn add(&mut self, stats: &Stats, microseconds: f64, cracks: u64) {
+        self.updates.push(microseconds);
+        self.fixed.push(stats.fixed_microseconds);
+        self.overruns += u64::from(stats.late_refinements > 0);
+        self.triangles += stats.triangles;
+        self.patches += stats.patches;
+        self.cracks += cracks;
+        self.refined += stats.refined;
+    }
+
+    fn report(mut self) -> FlightReport {
+        self.updates.sort_by(f64::total_cmp);
+        self.fixed.sort_by(f64::total_cmp);
+        let frames = self.updates.len() as u64;
+        let mean = |sum: u64| sum as f64 / frames as f64;
+        FlightReport {
+            frames,
+            update_us_p50: quantile(&self.updates, 0.5),
+            update_us_p99: quantile(&self.updates, 0.99),
+            update_us_max: quantile(&self.updates, 1.0),
+            fixed_us_p50: quantile(&self.fixed, 0.5),
+            fixed_us_p99: quantile(&self.fixed, 0.99),
+            budget_overruns: self.overruns,
+            triangles_mean: mean(self.triangles),
+            patches_mean: mean(self.patches),
+            cracks: self.cracks,
+            refined_diamonds: self.refined,
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! The check of a whole repository: checksums, decoding, and the distance from its input.
+
+use super::Progress;
+use super::bands::Bands;
+use crate::build::source::RasterSource;
+use crate::cut::{DiamondSource, Terrain, Window};
+use crate::store::Damage;
+use crate::{Error, Result};
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verdict {
+    /// Damaged blocks, coarse levels first. Where there are any, nothing was compared.
+    pub damage: Vec<DamagedBlocks>,
+    /// The distance from the input, where one was given and every block can be decoded.
+    pub comparison: Option<Comparison>,
+    /// Whether nothing is damaged and the input, if given, is kept as the repository promises.
+    pub ok: bool,
+}
+
+impl Verdict {
+    /// Count of blocks that cannot be used.
+    pub fn damaged_blocks(&self) -> u64 {
+        self.damage.iter().map(|damage| damage.blocks).sum()
+    }
+}
+
+/// Neighbouring blocks that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DamagedBlocks {
+    /// How many.
+    pub blocks: u64,
+    /// Their levels and diamonds, and the cause, in one line.
+    pub description: String,
+}
+
+/// The distance of decoded samples from the input's.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Comparison {
+    /// Largest |decoded - input| over all samples that are valid in both, in sample units.
+    pub max_error: f64,
+    /// Root of the mean square of the same.
+    pub rms_error: f64,
+    /// Samples that are void in one and valid in the other.
+    pub void_mismatches: u64,
+}
+
+/// Verifies every checksum, then decodes every sample, and compares it with the input's if there is one.
+///
+/// # Errors
+///
+/// Those of reading the input; [`Error::Argument`] where its shape is not the repository's;
+/// [`Error::Cancelled`]. Damage is no error.
+pub fn verify(
+    terrain: &Terrain,
+    mut against: Option<&mut dyn RasterSource>,
+    progress: Progress,
+) -> Result<Verdict> {
+    if let Some(source) = &against {
+        check_shape(terrain, &**source)?;
+    }
+    let mut damage = broken_checksums(terrain);
+    let mut sums = Sums::default();
+    if damage.is_empty() {
+        damage = decode_all(terrain, &mut against, &mut sums, progress)?;
+    }
+    let comparison = (against.is_some() && damage.is_empty()).then(|| sums.comparison());
+    let kept = comparison.is_none_or(|found| {
+        found.max_error <= terrain.header().max_error_bound && found.void_mismatches == 0
+    });
+    Ok(Verdict {
+        ok: damage.is_empty() && kept,
+        damage,
+        comparison,
+    })
+}
+
+fn check_shape(terrain: &Terrain, source: &dyn RasterSource) -> Result<()> {
+    let (stored, given) = (&terrain.header().raster, source.info());
+    if (stored.width, stored.height) == (given.width, given.height) {
+        return Ok(());
+    }
+    Err(Error::Argument(format!(
+        "it has {} x {} samples, the input to compare with {} x {}",
+        stored.width, stored.height, given.width, given.height
+    )))
+}
+
+fn broken_checksums(terrain: &Terrain) -> Vec<DamagedBlocks> {
+    let lattice = terrain.lattice();
+    let found = terrain.store().verify();
+    let describe = |damage: &Damage| {
+        let (first, last) = (lattice.diamond(damage.first), lattice.diamond(damage.last));
+        let diamonds = match damage.last - damage.first {
+            0 => format!("level {} diamond ({}, {})", first.level(), first.x, first.y),
+            more => format!(
+                "level {} diamond ({}, {}) to level {} diamond ({}, {}), {} diamonds",
+                first.level(),
+                first.x,
+                first.y,
+                last.level(),
+                last.x,
+                last.y,
+                more + 1
+            ),
+        };
+        DamagedBlocks {
+            blocks: damage.last - damage.first + 1,
+            description: format!("{diamonds}: {damage}"),
+        }
+    };
+    found.damaged.iter().map(describe).collect()
+}
+
+/// Decodes the whole leaf level; what fails is returned, each block once.
+fn decode_all(
+    terrain: &Terrain,
+    against: &mut Option<&mut dyn RasterSource>,
+    sums: &mut Sums,
+    progress: Progress,
+) -> Result<Vec<DamagedBlocks>> {
+    let raster = &terrain.header().raster;
+    let window = Window {
+        column: 0,
+        row: 0,
+        width: raster.width,
+        height: raster.height,
+    };
+    let mut bands = Bands::new(terrain, terrain.lattice().levels(), window);
+    let mut damage: Vec<DamagedBlocks> = Vec::new();
+    let mut input = vec![f64::NAN; raster.width as usize];
+    let mut row = 0;
+    while row < raster.height {
+        if !progress(u64::from(row), u64::from(raster.height)) {
+            return Err(Error::Cancelled);
+        }
+        let end = (row + bands.band_rows()).min(raster.height);
+        for row in row..end {
+            let decoded = match bands.row(row) {
+                Ok(decoded) => decoded,
+                Err(Error::Damaged { message, .. }) => {
+                    if damage.iter().all(|known| known.description != message) {
+                        damage.push(DamagedBlocks {
+                            blocks: 1,
+                            description: message,
+                        });
+                    }
+                    break;
+                }
+                Err(error) => return Err(error),
+            };
+            if let Some(source) = against.as_mut().filter(|_| damage.is_empty()) {
+                source.read_rows(&mut input)?;
+                sums.add(decoded, &input);
+            }
+        }
+        row = end;
+    }
+    Ok(damage)
+}
+
+#[derive(Default)]
+struct Sums {
+    max_error: f64,
+    squares: f64,
+    valid: u64,
+    void_mismatches: u64,
+}
+
+impl Sums {
+    fn add(&mut self, decoded: &[f64], input: &[f64]) {
+        for (decoded, input) in decoded.iter().zip(input) {
+            if decoded.is_nan() != input.is_nan() {
+                self.void_mismatches += 1;
+            } else if !input.is_nan() {
+                let error = (decoded - input).abs();
+                self.max_error = self.max_error.max(error);
+                self.squares += error * error;
+                self.valid += 1;
+            }
+        }
+    }
+
+    fn comparison(&self) -> Comparison {
+        Comparison {
+            max_error: self.max_error,
+            rms_error: (self.squares / self.valid.max(1) as f64).sqrt(),
+            void_mismatches: self.void_mismatches,
+        }
+    }
+}
