@@ -1,1 +1,26 @@
-//! Filled in below.
+//! Floor 4: the C boundary: argument checks, panic barrier, ownership of handles. No algorithm.
+//!
+//! `include/kimberlite.h` is made from this room by `tests/header.rs`, one section from each of the files below; their
+//! doc comments are its manual and speak to C programmers.
+//!
+//! | file | section |
+//! |---|---|
+//! | `boundary.rs` | none: the panic barrier and the checks of pointers |
+//! | `status.rs` | version, errors, messages |
+//! | `repository.rs` | repositories: opening, what is known of them, coordinates |
+//! | `cut.rs` | cuts: what a viewer draws |
+//! | `patch.rs` | patches of a cut |
+//! | `query.rs` | heights and windows of samples, without any view |
+//! | `builder.rs` | building repositories from rows |
+
+// The safety contract of every function is that of a C library; the header's first section states it once.
+#![allow(clippy::missing_safety_doc)]
+#![allow(non_camel_case_types)]
+
+mod boundary;
+pub mod builder;
+pub mod cut;
+pub mod patch;
+pub mod query;
+pub mod repository;
+pub mod status;

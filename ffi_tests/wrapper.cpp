@@ -1,0 +1,82 @@
+// kimberlite.hpp: objects move, are not copied, free themselves, and throw.
+#include <kimberlite.hpp>
+
+#include <cmath>
+#include <cstdlib>
+#include <iostream>
+#include <string>
+#include <type_traits>
+#include <utility>
+
+namespace {
+
+void check(bool holds, const char *what) {
+    if (holds) return;
+    std::cerr << what << " does not hold\n";
+    std::exit(1);
+}
+
+std::int32_t slope(void *, std::uint32_t first_row, std::uint32_t row_count, double *samples) {
+    for (std::uint32_t row = 0; row < row_count; row++)
+        for (std::uint32_t column = 0; column < 100; column++) *samples++ = first_row + row + 2 * column;
+    return 0;
+}
+
+void build(const std::string &path) {
+    kmb_builder_options options = kimberlite::sized<kmb_builder_options>();
+    options.sample_type = KMB_SAMPLE_I16;
+    options.width = 100;
+    options.height = 80;
+    kimberlite::Builder builder(options);
+    kmb_build_report report = builder.write(slope, nullptr, path);
+    check(report.samples == 8000 && report.max_error == 0, "the report is that of the build");
+}
+
+kmb_view view() {
+    kmb_view view = kimberlite::sized<kmb_view>();
+    view.eye[2] = 1000;
+    view.world_to_clip[0] = view.world_to_clip[5] = 0.01;
+    view.world_to_clip[10] = -1e-4;
+    view.world_to_clip[15] = 1;
+    view.viewport[0] = view.viewport[1] = 500;
+    view.tolerance = 1;
+    return view;
+}
+
+void draw(const kimberlite::Repository &repository) {
+    kimberlite::Cut first(repository);
+    kimberlite::Cut cut = std::move(first);
+    check(first.get() == nullptr, "a cut that was moved from is empty");
+    kmb_stats stats = cut.update(view());
+    check(stats.patches == cut.patches().size() && stats.patches > 0, "patches are listed");
+    check(cut.changes().added.size() >= stats.patches, "changes are listed");
+    check(cut.triangle_list().size() % 3 == 0 && cut.triangle_strip().size() > 0, "triangles are listed");
+    kimberlite::Patch kept(cut.patches()[0]);
+    cut = kimberlite::Cut(repository);
+    check(kept.info().vertices != nullptr, "a kept patch outlives its cut");
+}
+
+}  // namespace
+
+int main(int count, char **words) {
+    check(count == 2, "there is one argument");
+    const std::string path = std::string(words[1]) + "/wrapper.kmb";
+    static_assert(!std::is_copy_constructible<kimberlite::Cut>::value, "handles are not copied");
+    static_assert(std::is_nothrow_move_constructible<kimberlite::Cut>::value, "handles are moved");
+    build(path);
+    kimberlite::Repository repository(path);
+    check(repository.info().width == 100, "the repository is described");
+    kimberlite::Query query(repository);
+    kmb_height height;
+    check(query.height_at(50, 40, height) && std::abs(height.height - 139) < 1e-9, "a height is found");
+    check(!query.height_at(-1, 0, height), "there is no height outside");
+    draw(repository);
+    try {
+        kimberlite::Repository absent(path + ".absent");
+        check(false, "an absent file throws");
+    } catch (const kimberlite::Error &error) {
+        check(error.status() == KMB_IO, "the exception tells the status");
+        check(std::string(error.what()).find("absent") != std::string::npos, "the exception tells the file");
+    }
+    return 0;
+}

@@ -1,0 +1,401 @@
+//! Building repositories from rows.
+
+use std::ffi::{c_char, c_void};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+use super::boundary::{
+    Failure, Handle, Outcome, SizedStruct, array, boundary, input_struct, output, output_struct,
+    path, text,
+};
+use super::status::kmb_status;
+use crate::build::source::RowSource;
+use crate::build::source::samples::stored_value;
+use crate::build::{BuildOptions, BuildReport, build};
+use crate::geo::{RasterInfo, Registration, SampleType};
+use crate::{Error, Result};
+
+/// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a double each, NaN for a void,
+/// any other value a sample of the raster's type (it is rounded to a float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one
+/// after the other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
+/// out of it.
+pub type kmb_rows_callback = Option<
+    unsafe extern "C" fn(
+        user: *mut c_void,
+        first_row: u32,
+        row_count: u32,
+        samples: *mut f64,
+    ) -> i32,
+>;
+
+/// Learns how far a long call has come: `done` of `total` steps. Calls come one after the other, from any thread. An answer
+/// other than 0 asks to stop; the call then returns KMB_CANCELLED. Nothing may unwind out of it.
+pub type kmb_progress_callback =
+    Option<unsafe extern "C" fn(user: *mut c_void, done: u64, total: u64) -> i32>;
+
+/// What to build.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct kmb_builder_options {
+    /// sizeof(kmb_builder_options).
+    pub struct_size: u32,
+    /// A kmb_sample_type.
+    pub sample_type: u32,
+    /// Samples a row; at least 2.
+    pub width: u32,
+    /// Rows; at least 2.
+    pub height: u32,
+    /// Largest allowed difference between a decoded sample and the input's, in sample units; 0 is lossless for
+    /// integers.
+    pub max_error: f64,
+    /// Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
+    pub cells: u32,
+    /// Threads to use, or 0 for one a core. The file does not depend on it.
+    pub threads: u32,
+}
+
+/// What a build made.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct kmb_build_report {
+    /// sizeof(kmb_build_report).
+    pub struct_size: u32,
+    /// 0.
+    pub reserved: u32,
+    /// Samples, valid and void.
+    pub samples: u64,
+    /// Samples without data.
+    pub void_samples: u64,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Largest difference between a decoded sample and the input's, as measured from the bytes written.
+    pub max_error: f64,
+    /// Root of the mean square difference.
+    pub rms_error: f64,
+}
+
+// SAFETY: repr(C) with struct_size first, and integers and floats only.
+unsafe impl SizedStruct for kmb_builder_options {
+    const NAME: &'static str = "kmb_builder_options";
+}
+// SAFETY: repr(C) with struct_size first, and integers and floats only.
+unsafe impl SizedStruct for kmb_build_report {
+    const NAME: &'static str = "kmb_build_report";
+}
+
+/// What is to be built: a raster's description, and how to code it.
+pub struct kmb_builder {
+    broken: AtomicBool,
+    raster: RasterInfo,
+    options: BuildOptions,
+}
+
+impl Handle for kmb_builder {
+    const NAME: &'static str = "builder";
+
+    fn broken(&self) -> &AtomicBool {
+        &self.broken
+    }
+}
+
+/// Makes a builder and gives a handle, which kmb_builder_destroy frees. The raster has no georeference until it gets one: its
+/// samples are one unit apart, north up, the lower left one at 0, 0.
+///
+/// May be called from any thread at any time.
+///
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_create(
+    options: *const kmb_builder_options,
+    builder: *mut *mut kmb_builder,
+) -> kmb_status {
+    boundary!({
+        // SAFETY: the caller passes pointers as the header asks.
+        let (options, out) = unsafe { (input_struct(options)?, output(builder, "builder")?) };
+        let number = options.sample_type;
+        let sample_type = u8::try_from(number).ok().and_then(SampleType::from_number);
+        let sample_type = sample_type
+            .ok_or_else(|| Failure::argument(format!("sample type {number} is unknown")))?;
+        let made = kmb_builder {
+            broken: AtomicBool::new(false),
+            raster: RasterInfo::new(options.width, options.height, sample_type),
+            options: BuildOptions {
+                max_error: options.max_error,
+                cells_log2: cells_log2(options.cells)?,
+                threads: options.threads as usize,
+            },
+        };
+        check_shape(&made)?;
+        out.write(Box::into_raw(Box::new(made)));
+        Ok(())
+    })
+}
+
+fn cells_log2(cells: u32) -> std::result::Result<u32, Failure> {
+    match cells {
+        0 => Ok(6),
+        16 | 32 | 64 | 128 => Ok(cells.ilog2()),
+        _ => Err(Failure::argument(format!(
+            "{cells} cells: 16, 32, 64 or 128 are needed"
+        ))),
+    }
+}
+
+fn check_shape(builder: &kmb_builder) -> Outcome {
+    let (width, height) = (builder.raster.width, builder.raster.height);
+    let max_error = builder.options.max_error;
+    if width < 2 || height < 2 {
+        return Err(Failure::argument(format!(
+            "a raster of {width} x {height} samples: at least 2 x 2 are needed"
+        )));
+    }
+    if max_error.is_nan() || max_error < 0.0 {
+        return Err(Failure::argument(format!(
+            "the maximum error must be a number from 0 up, not {max_error}"
+        )));
+    }
+    Ok(())
+}
+
+/// Frees a builder. NULL is allowed. No other call may use the handle at the same time, or afterwards.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_destroy(builder: *mut kmb_builder) {
+    let _ = boundary!({
+        if !builder.is_null() {
+            // SAFETY: the caller gives back what kmb_builder_create gave, once.
+            drop(unsafe { Box::from_raw(builder) });
+        }
+        Ok(())
+    });
+}
+
+/// Says where the raster lies: six numbers, X = g[0] + column g[1] + row g[2] and Y = g[3] + column g[4] + row g[5], what its
+/// origin is (`registration`, a kmb_registration), and whether X and Y are degrees of longitude
+/// and latitude (`geographic`, 0 or 1). The numbers are copied.
+///
+/// Exclusive: no other call may use the builder at the same time.
+///
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite or have no inverse), KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_set_geotransform(
+    builder: *mut kmb_builder,
+    geotransform: *const f64,
+    registration: u32,
+    geographic: u32,
+) -> kmb_status {
+    boundary!(exclusive builder: kmb_builder, {
+        // SAFETY: the caller passes pointers as the header asks.
+        let given = unsafe { array(geotransform, 6, "geotransform") }?;
+        let mut numbers = [0.0; 6];
+        numbers.copy_from_slice(given);
+        let [_, a, b, _, c, d] = numbers;
+        let determinant: f64 = a * d - b * c;
+        let finite = numbers.iter().all(|number| number.is_finite()) && determinant.is_finite();
+        if !finite || determinant == 0.0 {
+            let message = format!("the geotransform {numbers:?} has no inverse");
+            return Err(Failure::argument(message));
+        }
+        let registration = match registration {
+            0 => Registration::Area,
+            1 => Registration::Point,
+            _ => return Err(Failure::argument(format!("registration {registration} is unknown"))),
+        };
+        if geographic > 1 {
+            return Err(Failure::argument(format!("geographic is {geographic}, not 0 or 1")));
+        }
+        builder.raster.geotransform = numbers;
+        builder.raster.registration = registration;
+        builder.raster.geographic = geographic == 1;
+        builder.raster.georeferenced = true;
+        Ok(())
+    })
+}
+
+/// Names the coordinate reference system: WKT, "EPSG:n", or empty for none. The string is copied.
+///
+/// Exclusive: no other call may use the builder at the same time.
+///
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_set_crs(
+    builder: *mut kmb_builder,
+    crs: *const c_char,
+) -> kmb_status {
+    boundary!(exclusive builder: kmb_builder, {
+        // SAFETY: the caller passes pointers as the header asks.
+        builder.raster.crs = unsafe { text(crs, "crs") }?.to_owned();
+        Ok(())
+    })
+}
+
+/// Names the unit of physical heights, or empty for none. The string is copied.
+///
+/// Exclusive: no other call may use the builder at the same time.
+///
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_set_units(
+    builder: *mut kmb_builder,
+    units: *const c_char,
+) -> kmb_status {
+    boundary!(exclusive builder: kmb_builder, {
+        // SAFETY: the caller passes pointers as the header asks.
+        builder.raster.units = unsafe { text(units, "units") }?.to_owned();
+        Ok(())
+    })
+}
+
+/// Says how samples become physical heights: value_scale * sample + value_offset. They are 1 and 0 until set.
+///
+/// Exclusive: no other call may use the builder at the same time.
+///
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite, or a scale of 0), KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_set_value_scale(
+    builder: *mut kmb_builder,
+    value_scale: f64,
+    value_offset: f64,
+) -> kmb_status {
+    boundary!(exclusive builder: kmb_builder, {
+        if !value_scale.is_finite() || value_scale == 0.0 || !value_offset.is_finite() {
+            return Err(Failure::argument(format!(
+                "value scale {value_scale} and offset {value_offset}: finite numbers and a scale other than 0 are needed"
+            )));
+        }
+        builder.raster.value_scale = value_scale;
+        builder.raster.value_offset = value_offset;
+        Ok(())
+    })
+}
+
+/// Says which sample value is a void, beside NaN. No valid sample is ever decoded to it.
+///
+/// Exclusive: no other call may use the builder at the same time.
+///
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_set_nodata(
+    builder: *mut kmb_builder,
+    nodata: f64,
+) -> kmb_status {
+    boundary!(exclusive builder: kmb_builder, {
+        builder.raster.nodata = Some(nodata);
+        Ok(())
+    })
+}
+
+/// Keeps `length` bytes of any kind under a key, in place of what was there. Both are copied. Keys that begin with "tiff." are for
+/// GeoTIFF tags.
+///
+/// Exclusive: no other call may use the builder at the same time.
+///
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_set_metadata(
+    builder: *mut kmb_builder,
+    key: *const c_char,
+    value: *const u8,
+    length: usize,
+) -> kmb_status {
+    boundary!(exclusive builder: kmb_builder, {
+        // SAFETY: the caller passes pointers as the header asks.
+        let (key, value) = unsafe { (text(key, "key")?, array(value, length, "value")?) };
+        builder.raster.metadata.insert(key.to_owned(), value.to_vec());
+        Ok(())
+    })
+}
+
+struct User(*mut c_void);
+// SAFETY: the header lets the callbacks, and so their `user`, be used from any thread, one call at a time.
+unsafe impl Send for User {}
+
+impl User {
+    fn pointer(&self) -> *mut c_void {
+        self.0
+    }
+}
+
+/// Builds the repository at `path` from rows that `rows` gives, and reports what it made. `progress` may be NULL; so may
+/// `report`, otherwise the caller sets report->struct_size. The file appears under its name only when it
+/// is whole, in place of what was there; after any failure nothing is left of it. The builder may be used
+/// again.
+///
+/// Exclusive: no other call may use the builder at the same time, the callbacks included.
+///
+/// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a maximum error too small for the samples); KMB_INVALID_STRUCT_SIZE; KMB_IO;
+/// KMB_INPUT (`rows` failed, or gave an infinite sample or one that the sample type does not have); KMB_CANCELLED;
+/// KMB_PANIC.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn kmb_builder_write(
+    builder: *mut kmb_builder,
+    rows: kmb_rows_callback,
+    rows_user: *mut c_void,
+    progress: kmb_progress_callback,
+    progress_user: *mut c_void,
+    path: *const c_char,
+    report: *mut kmb_build_report,
+) -> kmb_status {
+    boundary!(exclusive builder: kmb_builder, {
+        let rows = rows.ok_or_else(|| Failure::argument("rows is NULL"))?;
+        // SAFETY: the caller passes pointers as the header asks.
+        let path = unsafe { self::path(path) }?;
+        let out = match report.is_null() {
+            true => None,
+            // SAFETY: as above.
+            false => Some(unsafe { output_struct(report) }?),
+        };
+        let (width, user) = (builder.raster.width as usize, User(rows_user));
+        let sample_type = builder.raster.sample_type;
+        let next_rows = move |first_row: u32, samples: &mut [f64]| -> Result<()> {
+            let row_count = (samples.len() / width) as u32;
+            // SAFETY: the caller gave a function that may be called so, with this `user`.
+            let answer =
+                unsafe { rows(user.pointer(), first_row, row_count, samples.as_mut_ptr()) };
+            if answer == 0 {
+                return as_stored(sample_type, width, first_row, samples);
+            }
+            let message = format!("row {first_row}: the rows callback answered {answer}");
+            Err(Error::input(Path::new("(rows)"), message))
+        };
+        let mut source = RowSource::new(builder.raster.clone(), Box::new(next_rows));
+        let mut go_on = |done: u64, total: u64| {
+            // SAFETY: the caller gave a function that may be called so, with this `user`.
+            progress.is_none_or(|progress| unsafe { progress(progress_user, done, total) } == 0)
+        };
+        let made = build(&mut source, &builder.options, &path, &mut go_on)?;
+        if let Some(out) = out {
+            out.write(told(&made));
+        }
+        Ok(())
+    })
+}
+
+/// Rounds samples to their type, and refuses those that it does not have.
+fn as_stored(
+    sample_type: SampleType,
+    width: usize,
+    first_row: u32,
+    samples: &mut [f64],
+) -> Result<()> {
+    for (index, sample) in samples.iter_mut().enumerate().filter(|(_, sample)| !sample.is_nan()) {
+        *sample = stored_value(*sample, sample_type).ok_or_else(|| {
+            let (column, row) = (index % width, first_row as usize + index / width);
+            let name = sample_type.name();
+            let message = format!("the sample {sample} at column {column}, row {row} is no {name}");
+            Error::input(Path::new("(rows)"), message)
+        })?;
+    }
+    Ok(())
+}
+
+fn told(made: &BuildReport) -> kmb_build_report {
+    kmb_build_report {
+        struct_size: size_of::<kmb_build_report>() as u32,
+        reserved: 0,
+        samples: made.samples,
+        void_samples: made.void_samples,
+        bytes: made.bytes,
+        max_error: made.max_error,
+        rms_error: made.rms_error,
+    }
+}

@@ -1,0 +1,66 @@
+//! The committed header is what the C boundary says; `KMB_WRITE_HEADER=1` writes it.
+
+use std::fs;
+use std::path::Path;
+
+const CAVEATS: &str = include_str!("header.h.in");
+
+/// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function names.
+const SECTIONS: [(&str, &str, &[&str]); 6] = [
+    ("Version, errors, messages", "status", &["kmb_log_level"]),
+    (
+        "Repositories: opening, what is known of them, coordinates",
+        "repository",
+        &[
+            "kmb_kind",
+            "kmb_access",
+            "kmb_sample_type",
+            "kmb_registration",
+        ],
+    ),
+    (
+        "Queries: heights and windows of samples, without any view",
+        "query",
+        &[],
+    ),
+    ("Patches: what is drawn", "patch", &[]),
+    ("Cuts: from views to patches", "cut", &["kmb_vertex_form"]),
+    ("Builders: from rows to repositories", "builder", &[]),
+];
+
+fn section(root: &Path, file: &str, types: &[&str]) -> String {
+    let mut config = cbindgen::Config::from_root_or_default(root);
+    config.export.include = types.iter().map(|name| (*name).to_owned()).collect();
+    let source = root.join(format!("src/ffi/{file}.rs"));
+    let builder = cbindgen::Builder::new().with_config(config);
+    let bindings = builder.with_src(source).generate().expect("the sources parse");
+    let mut bytes = Vec::new();
+    bindings.write(&mut bytes);
+    String::from_utf8(bytes).expect("the header is text")
+}
+
+fn header(root: &Path) -> String {
+    let sections = SECTIONS.map(|(title, file, types)| {
+        let rule = "=".repeat(96);
+        let text = section(root, file, types);
+        format!("/* {rule}\n * {title}\n * {rule} */\n\n{}\n", text.trim())
+    });
+    CAVEATS.replace("@SECTIONS@\n", &sections.join("\n"))
+}
+
+#[test]
+fn the_header_is_that_of_the_sources() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let path = root.join("include/kimberlite.h");
+    let generated = header(root);
+    if std::env::var_os("KMB_WRITE_HEADER").is_some() {
+        fs::write(&path, &generated).expect("the header can be written");
+    }
+    let committed = fs::read_to_string(&path).expect("the header can be read");
+    let differs = committed.lines().zip(generated.lines()).position(|(a, b)| a != b);
+    assert!(
+        committed == generated,
+        "include/kimberlite.h differs from src/ffi/ at line {:?}; KMB_WRITE_HEADER=1 writes it anew",
+        differs.map(|line| line + 1)
+    );
+}
