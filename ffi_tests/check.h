@@ -72,7 +72,7 @@ static inline kmb_repository *rough_repository(const char *path)
     return repository;
 }
 
-/* Straight down on the whole of rough ground, or on a part of it for a larger `zoom`; x and y are that of its middle. */
+/* Down on the whole of rough ground, or on a part of it for a larger `zoom`; x and y are that of its middle. */
 static inline kmb_view view_from_above(double zoom)
 {
     kmb_view view = {.struct_size = sizeof view, .viewport = {800, 600}, .tolerance = 1};
@@ -80,12 +80,14 @@ static inline kmb_view view_from_above(double zoom)
     view.eye[0] = x;
     view.eye[1] = y;
     view.eye[2] = 4000 + side;
-    /* A parallel projection: clip x = 2 (X - x) / side, and depth along -z. */
+    /* A parallel projection: clip x = 2 (X - x) / side, and depth along -z; heights lean northwards, or their errors would not
+     * be seen. */
     view.world_to_clip[0] = 2 / side;
     view.world_to_clip[5] = 2 / side;
+    view.world_to_clip[9] = 1 / side;
     view.world_to_clip[10] = -1e-4;
     view.world_to_clip[12] = -2 * x / side;
-    view.world_to_clip[13] = -2 * y / side;
+    view.world_to_clip[13] = -(2 * y + 2000) / side;
     view.world_to_clip[15] = 1;
     return view;
 }

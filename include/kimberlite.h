@@ -333,6 +333,9 @@ kmb_status kmb_crs_to_world(const struct kmb_repository *repository,
  * Queries: heights and windows of samples, without any view
  * ================================================================================================ */
 
+// Lifts a limit: the bytes of a query, or any limit of a kmb_budget.
+#define KMB_UNLIMITED UINT64_MAX
+
 // Answers questions about a repository from a cache of its own.
 typedef struct kmb_query kmb_query;
 
@@ -405,8 +408,8 @@ kmb_status kmb_read_window(const kmb_repository *repository,
  * Patches: what is drawn
  * ================================================================================================ */
 
-// One right triangle of terrain as vertices; it never changes. C holds it by reference.
-typedef Patch kmb_patch;
+// One right triangle of terrain as vertices; it never changes.
+typedef struct kmb_patch kmb_patch;
 
 // What a patch consists of. The pointers live as long as the patch.
 typedef struct kmb_patch_info {
@@ -449,7 +452,7 @@ typedef struct kmb_patch_info {
 // May be called from any thread while the patch lives.
 //
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
-kmb_status kmb_patch_describe(const kmb_patch *patch,
+kmb_status kmb_patch_describe(const struct kmb_patch *patch,
                               struct kmb_patch_info *info);
 
 // Keeps a patch alive until a kmb_patch_release, beyond its cut's next update and its cut's end. It must be alive when this
@@ -458,19 +461,16 @@ kmb_status kmb_patch_describe(const kmb_patch *patch,
 // May be called from any thread.
 //
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
-kmb_status kmb_patch_retain(const kmb_patch *patch);
+kmb_status kmb_patch_retain(const struct kmb_patch *patch);
 
 // Undoes one kmb_patch_retain; the patch may end with it. NULL is allowed.
 //
 // May be called from any thread.
-void kmb_patch_release(const kmb_patch *patch);
+void kmb_patch_release(const struct kmb_patch *patch);
 
 /* ================================================================================================
  * Cuts: from views to patches
  * ================================================================================================ */
-
-// Lifts one limit of a budget, or of a query.
-#define KMB_UNLIMITED UINT64_MAX
 
 // What a vertex of a patch holds. All are floats without padding between them.
 typedef enum kmb_vertex_form {
