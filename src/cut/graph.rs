@@ -123,7 +123,10 @@ impl Graph {
 
     /// All nodes with their places.
     pub fn nodes(&self) -> impl Iterator<Item = (usize, &Node)> {
-        self.nodes.iter().enumerate().filter_map(|(place, node)| Some((place, node.as_ref()?)))
+        self.nodes
+            .iter()
+            .enumerate()
+            .filter_map(|(place, node)| Some((place, node.as_ref()?)))
     }
 
     pub fn node(&self, place: usize) -> Option<&Node> {
@@ -153,13 +156,23 @@ impl Graph {
     /// What must be refined to refine the node at `place`, parents first, itself last. False if one of
     /// them cannot be.
     pub fn chain(&self, place: usize, chain: &mut Vec<usize>) -> bool {
-        let Some(node) = self.node(place) else { return false };
+        let Some(node) = self.node(place) else {
+            return false;
+        };
         if !self.is_refinable(node) {
             return false;
         }
         if !node.is_complete() {
-            for parent in self.source.lattice().parents(node.diamond).into_iter().flatten() {
-                let Some(place) = self.place(parent) else { return false };
+            for parent in self
+                .source
+                .lattice()
+                .parents(node.diamond)
+                .into_iter()
+                .flatten()
+            {
+                let Some(place) = self.place(parent) else {
+                    return false;
+                };
                 let is_refined = self.node(place).is_some_and(|parent| parent.refined);
                 if !is_refined && !chain.contains(&place) && !self.chain(place, chain) {
                     return false;
@@ -207,8 +220,12 @@ impl Graph {
         }
         cost.bytes = cost.upload as i64;
         for child in lattice.children(node.diamond).into_iter().flatten() {
-            let Some(half) = half_from(lattice, child, node.diamond) else { continue };
-            let Some(child) = self.place(child).and_then(|place| self.node(place)) else { continue };
+            let Some(half) = half_from(lattice, child, node.diamond) else {
+                continue;
+            };
+            let Some(child) = self.place(child).and_then(|place| self.node(place)) else {
+                continue;
+            };
             if let Some(patch) = &child.halves[half].patch {
                 cost.patches -= i64::from(child.halves[half].visible);
                 cost.bytes -= patch.bytes() as i64;
@@ -220,7 +237,9 @@ impl Graph {
     /// Refines a node all of whose parents are refined. When the source fails nothing changes, but the
     /// node can no longer be refined.
     pub fn refine(&mut self, place: usize, update: u64, projection: &Projection) -> Result<()> {
-        let Some(mut node) = self.check_out(place) else { return Ok(()) };
+        let Some(mut node) = self.check_out(place) else {
+            return Ok(());
+        };
         debug_assert!(node.is_complete() && !node.refined);
         let result = self.spread(&node, projection);
         match &result {
@@ -258,9 +277,15 @@ impl Graph {
             if let Some(bounds) = bounds {
                 self.insert(Node::new(&*source, child, bounds));
             }
-            let Some(half) = half_from(lattice, child, node.diamond) else { continue };
-            let Some(place) = self.place(child) else { continue };
-            let Some(mut child) = self.check_out(place) else { continue };
+            let Some(half) = half_from(lattice, child, node.diamond) else {
+                continue;
+            };
+            let Some(place) = self.place(child) else {
+                continue;
+            };
+            let Some(mut child) = self.check_out(place) else {
+                continue;
+            };
             self.receive(&mut child, half, node, &centres);
             child.look(projection);
             self.check_in(place, child);
@@ -276,7 +301,9 @@ impl Graph {
             if diamond == parent.diamond {
                 return Some(parent.bounds.range);
             }
-            self.place(diamond).and_then(|place| self.node(place)).map(|node| node.bounds.range)
+            self.place(diamond)
+                .and_then(|place| self.node(place))
+                .map(|node| node.bounds.range)
         });
         let [first, second] = match ranges {
             [Some(first), Some(second)] => [first, second],
@@ -300,7 +327,11 @@ impl Graph {
             vertices: &node.vertices.values,
             centres: &centres.values,
         };
-        let Scratch { vertex_slopes, centre_slopes, .. } = &mut self.scratch;
+        let Scratch {
+            vertex_slopes,
+            centre_slopes,
+            ..
+        } = &mut self.scratch;
         vertex_slopes.copy_from_slice(&node.slopes);
         heights.inner_slopes(&diagonals, vertex_slopes, centre_slopes);
         if !node.halves.iter().all(|half| half.is_present)
@@ -323,10 +354,18 @@ impl Graph {
             .iter()
             .any(|matrix| matrix.valid.is_some());
         let mut mask = is_masked.then(|| {
-            child.vertices.valid.take().unwrap_or_else(|| scratch.all_valid.clone())
+            child
+                .vertices
+                .valid
+                .take()
+                .unwrap_or_else(|| scratch.all_valid.clone())
         });
         if let Some(mask) = &mut mask {
-            let vertices = parent.vertices.valid.as_deref().unwrap_or(&scratch.all_valid);
+            let vertices = parent
+                .vertices
+                .valid
+                .as_deref()
+                .unwrap_or(&scratch.all_valid);
             let centres = centres.valid.as_deref().unwrap_or(&scratch.all_valid);
             gather_half(lattice, from, (vertices, centres), to, half, mask);
         }
@@ -344,12 +383,25 @@ impl Graph {
     /// Takes back a refinement; no child may be refined.
     pub fn coarsen(&mut self, place: usize, projection: &Projection) {
         let source = self.source.clone();
-        let Some(mut node) = self.check_out(place) else { return };
+        let Some(mut node) = self.check_out(place) else {
+            return;
+        };
         debug_assert!(node.refined && node.refined_children == 0);
-        for child in source.lattice().children(node.diamond).into_iter().flatten() {
-            let Some(half) = half_from(source.lattice(), child, node.diamond) else { continue };
-            let Some(place) = self.place(child) else { continue };
-            let Some(mut child) = self.check_out(place) else { continue };
+        for child in source
+            .lattice()
+            .children(node.diamond)
+            .into_iter()
+            .flatten()
+        {
+            let Some(half) = half_from(source.lattice(), child, node.diamond) else {
+                continue;
+            };
+            let Some(place) = self.place(child) else {
+                continue;
+            };
+            let Some(mut child) = self.check_out(place) else {
+                continue;
+            };
             self.erase(&mut child, half);
             child.halves[half].has_arrived = false;
             child.halves[half].visible = false;
@@ -382,7 +434,10 @@ impl Graph {
     }
 
     fn draw(&mut self, node: &mut Node, half: usize) {
-        let patch = self.maker.make(node, half, self.changes.next_handle()).map(Arc::new);
+        let patch = self
+            .maker
+            .make(node, half, self.changes.next_handle())
+            .map(Arc::new);
         if let Some(patch) = &patch {
             self.changes.add(patch);
         }
@@ -426,5 +481,8 @@ impl Graph {
 
 /// The half of `child` that comes from `parent`.
 fn half_from(lattice: &Lattice, child: Diamond, parent: Diamond) -> Option<usize> {
-    lattice.parents(child).iter().position(|&candidate| candidate == Some(parent))
+    lattice
+        .parents(child)
+        .iter()
+        .position(|&candidate| candidate == Some(parent))
 }

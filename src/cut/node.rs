@@ -60,7 +60,11 @@ impl Bounds {
         let [offset, scale] = source.height_to_world();
         let ends = range.map(|unit| offset + scale * f64::from(unit));
         Bounds {
-            error: if error.is_nan() { f64::INFINITY } else { error * scale.abs() },
+            error: if error.is_nan() {
+                f64::INFINITY
+            } else {
+                error * scale.abs()
+            },
             range,
             z: [ends[0].min(ends[1]), ends[0].max(ends[1])],
         }
@@ -95,7 +99,10 @@ impl Node {
             level: diamond.level(),
             placement,
             is_inside: lattice.is_inside(diamond),
-            vertices: Matrix { values: vec![0; entries].into(), valid: None },
+            vertices: Matrix {
+                values: vec![0; entries].into(),
+                valid: None,
+            },
             slopes: vec![[0.0; 2]; entries].into(),
             bounds,
             halves: [half(0), half(1)],
@@ -133,7 +140,9 @@ impl Node {
 
     /// Whether all present halves have arrived: all parents are refined.
     pub fn is_complete(&self) -> bool {
-        self.halves.iter().all(|half| half.has_arrived == half.is_present)
+        self.halves
+            .iter()
+            .all(|half| half.has_arrived == half.is_present)
     }
 
     /// Judges the halves that have arrived by a view.

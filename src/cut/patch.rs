@@ -64,7 +64,10 @@ pub struct Patch {
 impl Patch {
     /// Bytes of the vertices and of the patch's own list.
     pub fn bytes(&self) -> u64 {
-        let indices = self.indices.as_ref().map_or(0, |indices| size_of_val(&**indices));
+        let indices = self
+            .indices
+            .as_ref()
+            .map_or(0, |indices| size_of_val(&**indices));
         (size_of_val(&*self.vertices) + indices) as u64
     }
 }
@@ -128,7 +131,10 @@ impl PatchMaker {
         let cells = self.lattice.cells();
         let at = |p, q| {
             let (i, j) = apex.vertex(cells, p, q);
-            (node.placement.vertex(i, j), node.vertices.values[j * (cells + 1) + i])
+            (
+                node.placement.vertex(i, j),
+                node.vertices.values[j * (cells + 1) + i],
+            )
         };
         let ([column, row], _) = at(0, 0);
         let leg = |(end, _): ([i64; 2], i32)| [(end[0] - column) as f32, (end[1] - row) as f32];
@@ -157,9 +163,12 @@ impl PatchMaker {
 
     fn bounds(&self, node: &Node, half: usize, corners: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
         let order = self.grid.matrix_indices(node.halves[half].apex);
-        let heights = order.iter().map(|&index| node.vertices.values[usize::from(index)]);
-        let (low, high) = heights
-            .fold((i32::MAX, i32::MIN), |(low, high), unit| (low.min(unit), high.max(unit)));
+        let heights = order
+            .iter()
+            .map(|&index| node.vertices.values[usize::from(index)]);
+        let (low, high) = heights.fold((i32::MAX, i32::MIN), |(low, high), unit| {
+            (low.min(unit), high.max(unit))
+        });
         let ends = [low, high].map(|unit| self.world([0.0, 0.0, f64::from(unit)])[2]);
         let fold = |axis: usize, pick: fn(f64, f64) -> f64| {
             pick(pick(corners[0][axis], corners[1][axis]), corners[2][axis])
@@ -184,7 +193,9 @@ impl PatchMaker {
             }
             return vertices.into();
         }
-        for ((p, q), (height, [dx, dy])) in positions(self.lattice.cells()).zip(order.iter().map(at)) {
+        for ((p, q), (height, [dx, dy])) in
+            positions(self.lattice.cells()).zip(order.iter().map(at))
+        {
             let (p, q) = (p as f32, q as f32);
             let [x, y] = [0, 1].map(|axis| p * legs[0][axis] + q * legs[1][axis]);
             let length = (1.0 + dx * dx + dy * dy).sqrt();
@@ -210,7 +221,10 @@ impl PatchMaker {
             })
             .collect();
         let is_leaf = node.level == self.lattice.levels();
-        let end = [i64::from(self.lattice.width()) - 1, i64::from(self.lattice.height()) - 1];
+        let end = [
+            i64::from(self.lattice.width()) - 1,
+            i64::from(self.lattice.height()) - 1,
+        ];
         let is_drawn = |triangle: &&[u16]| {
             let corners = triangle.iter().map(|&vertex| usize::from(vertex));
             let valid = corners
@@ -218,7 +232,11 @@ impl PatchMaker {
                 .filter(|&vertex| node.vertices.is_valid(usize::from(order[vertex])))
                 .count();
             let least = |measure: fn(&[i64; 2]) -> i64| {
-                corners.clone().map(|vertex| measure(&places[vertex])).min().unwrap_or(0)
+                corners
+                    .clone()
+                    .map(|vertex| measure(&places[vertex]))
+                    .min()
+                    .unwrap_or(0)
             };
             // The domain reaches from the root square's own corner, so that only its far sides, and
             // its far corner against a turned hypotenuse, can separate.
@@ -227,8 +245,13 @@ impl PatchMaker {
                 && least(|place| place[0] + place[1]) < end[0] + end[1];
             meets_domain && valid >= if is_leaf { 3 } else { 1 }
         };
-        let drawn: Vec<u16> =
-            self.triangle_list.chunks_exact(3).filter(is_drawn).flatten().copied().collect();
+        let drawn: Vec<u16> = self
+            .triangle_list
+            .chunks_exact(3)
+            .filter(is_drawn)
+            .flatten()
+            .copied()
+            .collect();
         (drawn.len() < self.triangle_list.len()).then(|| drawn.into())
     }
 }

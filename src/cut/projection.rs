@@ -27,17 +27,32 @@ pub(super) struct Sight {
 impl Projection {
     /// `guard` (at least 1) is the size of the guard band in screens.
     pub fn new(view: &View, guard: f64) -> Result<Projection> {
-        let numbers = [&view.eye[..], &view.world_to_clip, &view.viewport, &[view.tolerance]];
-        if numbers.into_iter().flatten().any(|number| !number.is_finite()) {
-            return Err(Error::Argument("a view has a number that is not finite".into()));
+        let numbers = [
+            &view.eye[..],
+            &view.world_to_clip,
+            &view.viewport,
+            &[view.tolerance],
+        ];
+        if numbers
+            .into_iter()
+            .flatten()
+            .any(|number| !number.is_finite())
+        {
+            return Err(Error::Argument(
+                "a view has a number that is not finite".into(),
+            ));
         }
         if view.viewport.iter().any(|&size| size <= 0.0) {
             let [width, height] = view.viewport;
-            return Err(Error::Argument(format!("a viewport of {width} x {height} has no area")));
+            return Err(Error::Argument(format!(
+                "a viewport of {width} x {height} has no area"
+            )));
         }
         if view.tolerance <= 0.0 {
             let tolerance = view.tolerance;
-            return Err(Error::Argument(format!("a tolerance of {tolerance} pixels is not above 0")));
+            return Err(Error::Argument(format!(
+                "a tolerance of {tolerance} pixels is not above 0"
+            )));
         }
         let matrix = DMat4::from_cols_array(&view.world_to_clip);
         let least_w = least_w(&matrix)
@@ -62,10 +77,16 @@ impl Projection {
         let hull = self.hull(corners, z);
         let visible = hull.meets(1.0);
         if !visible && !hull.meets(self.guard) {
-            return Sight { visible, pixels: 0.0 };
+            return Sight {
+                visible,
+                pixels: 0.0,
+            };
         }
         let limit = if visible { 1.0 } else { self.guard };
-        Sight { visible, pixels: self.pixels(&hull, limit, error) }
+        Sight {
+            visible,
+            pixels: self.pixels(&hull, limit, error),
+        }
     }
 
     /// Whether a prism meets the frustum.
@@ -89,11 +110,16 @@ impl Projection {
         if error == 0.0 || error == f64::INFINITY {
             return error;
         }
-        let least = hull.points.iter().fold(f64::INFINITY, |least, point| least.min(point[2]));
+        let least = hull
+            .points
+            .iter()
+            .fold(f64::INFINITY, |least, point| least.min(point[2]));
         let rise = &self.columns[2];
         let shift = |axis: usize| {
             let [low, high] = hull.extent(axis, least > 0.0, limit);
-            let worst = (rise[axis] - rise[2] * low).abs().max((rise[axis] - rise[2] * high).abs());
+            let worst = (rise[axis] - rise[2] * low)
+                .abs()
+                .max((rise[axis] - rise[2] * high).abs());
             self.half_viewport[axis] * worst
         };
         error * shift(0).hypot(shift(1)) / least.max(self.least_w)

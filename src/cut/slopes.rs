@@ -21,9 +21,15 @@ impl Diagonals {
         let part = |sign: i64| {
             let diagonal = [(ax[0] + sign * ay[0]) as f64, (ax[1] + sign * ay[1]) as f64];
             let square = diagonal[0] * diagonal[0] + diagonal[1] * diagonal[1];
-            [diagonal[0] / square * unit / step[0], diagonal[1] / square * unit / step[1]]
+            [
+                diagonal[0] / square * unit / step[0],
+                diagonal[1] / square * unit / step[1],
+            ]
         };
-        Diagonals { main: part(1), anti: part(-1) }
+        Diagonals {
+            main: part(1),
+            anti: part(-1),
+        }
     }
 
     #[inline(always)]
@@ -57,7 +63,10 @@ impl Heights<'_> {
             let near = &self.vertices[j * side..][..side];
             let far = &self.vertices[(j + 1) * side..][..side];
             for (i, slope) in row.iter_mut().enumerate() {
-                let (main, anti) = (difference(far[i + 1], near[i]), difference(near[i + 1], far[i]));
+                let (main, anti) = (
+                    difference(far[i + 1], near[i]),
+                    difference(near[i + 1], far[i]),
+                );
                 *slope = diagonals.slope(main, anti);
             }
         }
@@ -66,7 +75,10 @@ impl Heights<'_> {
             let far = &self.centres[j * cells..][..cells];
             let row = &mut vertex_slopes[j * side + 1..][..cells - 1];
             for (i, slope) in row.iter_mut().enumerate() {
-                let (main, anti) = (difference(far[i + 1], near[i]), difference(near[i + 1], far[i]));
+                let (main, anti) = (
+                    difference(far[i + 1], near[i]),
+                    difference(near[i + 1], far[i]),
+                );
                 *slope = diagonals.slope(main, anti);
             }
         }
@@ -118,7 +130,12 @@ impl Heights<'_> {
 
 /// Slopes of the root's vertices before anything is refined: central differences along rows and
 /// columns, one-sided on the boundary. `step` is the world distance from vertex to vertex.
-pub(super) fn root_slopes(cells: usize, vertices: &[i32], step: [f64; 2], unit: f64) -> Box<[Slope]> {
+pub(super) fn root_slopes(
+    cells: usize,
+    vertices: &[i32],
+    step: [f64; 2],
+    unit: f64,
+) -> Box<[Slope]> {
     let side = cells + 1;
     let slope = |before: usize, after: usize, steps: usize, step: f64| {
         let rise = f64::from(vertices[after]) - f64::from(vertices[before]);

@@ -122,7 +122,9 @@ impl Cut {
             upload: 0,
         };
         Ok(Cut {
-            grid: positions(cells).map(|(p, q)| [p as f32, q as f32]).collect(),
+            grid: positions(cells)
+                .map(|(p, q)| [p as f32, q as f32])
+                .collect(),
             triangle_strip: graph.maker().grid().triangle_strip().into(),
             graph,
             root_cost,
@@ -228,19 +230,23 @@ impl Cut {
                 self.refinements.push(entry(node.priority, place, node));
             }
             if is_coarsenable(node) {
-                self.coarsenings.push(Reverse(entry(node.keep, place, node)));
+                self.coarsenings
+                    .push(Reverse(entry(node.keep, place, node)));
             }
         }
     }
 
     /// Puts a node that has changed where it belongs.
     fn enqueue(&mut self, place: usize, tolerance: f64) {
-        let Some(node) = self.graph.node(place) else { return };
+        let Some(node) = self.graph.node(place) else {
+            return;
+        };
         if is_candidate(&self.graph, node, tolerance) {
             self.refinements.push(entry(node.priority, place, node));
         }
         if is_coarsenable(node) {
-            self.coarsenings.push(Reverse(entry(node.keep, place, node)));
+            self.coarsenings
+                .push(Reverse(entry(node.keep, place, node)));
         }
     }
 
@@ -281,6 +287,7 @@ impl Cut {
         while let Some(top) = self.next_refinement(pass.tolerance) {
             let mut chain = std::mem::take(&mut self.chain);
             chain.clear();
+            let refined = pass.stats.refined;
             let halt = if self.graph.chain(top.item.2, &mut chain) {
                 self.refine_chain(&chain, top.key, pass)
             } else {
@@ -288,10 +295,12 @@ impl Cut {
                 None
             };
             self.chain = chain;
+            if pass.stats.refined > refined {
+                self.discard_one(pass);
+            }
             if let Some(halt) = halt {
                 return halt;
             }
-            self.discard_one(pass);
         }
         Halt::Satisfied
     }
@@ -303,9 +312,10 @@ impl Cut {
         }
         for &place in chain {
             let (upload, diamond) = match self.graph.node(place) {
-                Some(node) => {
-                    (self.graph.refinement_cost(node, &pass.projection).upload, node.diamond)
-                }
+                Some(node) => (
+                    self.graph.refinement_cost(node, &pass.projection).upload,
+                    node.diamond,
+                ),
                 None => return None,
             };
             let began = Instant::now();
@@ -318,7 +328,10 @@ impl Cut {
             pass.stats.late_refinements += u64::from(pass.deadline.is_past(began));
             if let Err(error) = self.graph.refine(place, self.updates, &pass.projection) {
                 let Diamond { x, y, .. } = diamond;
-                log(LogLevel::Warning, &format!("diamond ({x}, {y}) stays coarse: {error}"));
+                log(
+                    LogLevel::Warning,
+                    &format!("diamond ({x}, {y}) stays coarse: {error}"),
+                );
                 return None;
             }
             pass.stats.refined += 1;
@@ -344,7 +357,9 @@ impl Cut {
             } else {
                 Halt::OutOfPatches
             };
-            let Some(least) = self.next_coarsening() else { return Some(full) };
+            let Some(least) = self.next_coarsening() else {
+                return Some(full);
+            };
             if least.key * EXCHANGE >= error {
                 return Some(full);
             }
@@ -372,7 +387,8 @@ impl Cut {
 
     fn coarsening_cost(&self, entry: Entry) -> Cost {
         let node = self.graph.node(entry.item.2);
-        node.map(|node| self.graph.coarsening_cost(node)).unwrap_or_default()
+        node.map(|node| self.graph.coarsening_cost(node))
+            .unwrap_or_default()
     }
 
     fn coarsen(&mut self, entry: Entry, pass: &mut Pass) {
@@ -397,10 +413,16 @@ impl Cut {
     /// Coarsens until the cut is within the patch and byte budgets, or down to the root.
     fn shrink(&mut self, pass: &mut Pass, to_root: bool) {
         let is_over = |graph: &Graph| {
-            !fits(pass.budget, graph.visible_patches() as i64, graph.bytes() as i64)
+            !fits(
+                pass.budget,
+                graph.visible_patches() as i64,
+                graph.bytes() as i64,
+            )
         };
         while to_root || is_over(&self.graph) {
-            let Some(least) = self.next_coarsening() else { return };
+            let Some(least) = self.next_coarsening() else {
+                return;
+            };
             self.coarsen(least, pass);
         }
     }
@@ -414,15 +436,16 @@ impl Cut {
         }
     }
 
-    /// Coarsens one diamond that has been out of sight for long. Each refinement pays for one, so that
+    /// Coarsens one diamond that has been out of sight for long. Refining pays for it, so that
     /// garbage cannot pile up while budgets always end before [`collect`](Self::collect).
     fn discard_one(&mut self, pass: &mut Pass) {
-        if let Some(least) = self.next_coarsening()
-            && least.key == 0.0
-            && let Some(node) = self.graph.node(least.item.2)
-            && node.refined_at + PATIENCE < self.updates
-        {
-            self.try_coarsen(least, pass);
+        while let Some(least) = self.next_coarsening().filter(|least| least.key == 0.0) {
+            let node = self.graph.node(least.item.2);
+            if node.is_some_and(|node| node.refined_at + PATIENCE < self.updates) {
+                self.try_coarsen(least, pass);
+                return;
+            }
+            self.coarsenings.pop();
         }
     }
 
@@ -449,19 +472,31 @@ impl Cut {
         let all_triangles = self.triangle_list().len();
         for (place, node) in self.graph.nodes() {
             for (index, half) in node.halves.iter().enumerate() {
-                let Some(patch) = half.patch.as_ref().filter(|_| half.visible) else { continue };
-                let indices = patch.indices.as_ref().map_or(all_triangles, |list| list.len());
+                let Some(patch) = half.patch.as_ref().filter(|_| half.visible) else {
+                    continue;
+                };
+                let indices = patch
+                    .indices
+                    .as_ref()
+                    .map_or(all_triangles, |list| list.len());
                 stats.triangles += indices as u64 / 3;
                 stats.largest_error = stats.largest_error.max(node.priority);
-                self.order.push((squared_distance(eye, &patch.bounds), patch.handle, place, index));
+                self.order.push((
+                    squared_distance(eye, &patch.bounds),
+                    patch.handle,
+                    place,
+                    index,
+                ));
             }
         }
-        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        self.order
+            .sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         stats.patches = self.order.len() as u64;
         self.visible.clear();
         for &(_, _, place, half) in &self.order {
             let node = self.graph.node(place);
-            self.visible.extend(node.and_then(|node| node.halves[half].patch.clone()));
+            self.visible
+                .extend(node.and_then(|node| node.halves[half].patch.clone()));
         }
     }
 }
@@ -475,7 +510,10 @@ fn is_coarsenable(node: &Node) -> bool {
 }
 
 fn entry(key: f64, place: usize, node: &Node) -> Entry {
-    Ranked { key, item: (Reverse(node.level), node.diamond, place) }
+    Ranked {
+        key,
+        item: (Reverse(node.level), node.diamond, place),
+    }
 }
 
 fn clamped(limit: u64) -> i64 {

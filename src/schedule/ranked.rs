@@ -14,7 +14,9 @@ pub struct Ranked<T> {
 
 impl<T: Ord> Ord for Ranked<T> {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.key.total_cmp(&other.key).then_with(|| self.item.cmp(&other.item))
+        self.key
+            .total_cmp(&other.key)
+            .then_with(|| self.item.cmp(&other.item))
     }
 }
 

@@ -26,11 +26,15 @@ pub fn count_cracks<'a>(
     }
     vertices.sort_unstable();
     segments.sort_unstable();
-    let differing = vertices.windows(2).filter(|pair| {
-        pair[0].key == pair[1].key && pair[0].bits != pair[1].bits
-    });
+    let differing = vertices
+        .windows(2)
+        .filter(|pair| pair[0].key == pair[1].key && pair[0].bits != pair[1].bits);
     let mut cracks = differing.count() as u64;
-    let is_vertex = |key: u64| vertices.binary_search_by_key(&key, |vertex| vertex.key).is_ok();
+    let is_vertex = |key: u64| {
+        vertices
+            .binary_search_by_key(&key, |vertex| vertex.key)
+            .is_ok()
+    };
     for same in segments.chunk_by(|a, b| a == b) {
         let (a, b) = (place(same[0].0), place(same[0].1));
         let fits = match same.len() {
@@ -39,8 +43,8 @@ pub fn count_cracks<'a>(
                 let middle = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
                 let has_middle = (a[0] + b[0]) % 2 == 0 && (a[1] + b[1]) % 2 == 0;
                 let is_junction = has_middle && is_vertex(key(middle));
-                let is_edge = !meets_domain(lattice, a, b)
-                    || !(lattice.in_raster(a) || lattice.in_raster(b));
+                let is_edge =
+                    !meets_domain(lattice, a, b) || !(lattice.in_raster(a) || lattice.in_raster(b));
                 !is_junction && (is_edge || may_be_open(a, b))
             }
             _ => false,
@@ -79,7 +83,11 @@ struct Place {
 
 /// The three borders of a patch, each a chain of vertices: q = 0, p = 0, p + q = N.
 fn borders(cells: usize) -> [Vec<Place>; 3] {
-    let place = |p: usize, q: usize| Place { p, q, index: index(cells, p, q) };
+    let place = |p: usize, q: usize| Place {
+        p,
+        q,
+        index: index(cells, p, q),
+    };
     [
         (0..=cells).map(|p| place(p, 0)).collect(),
         (0..=cells).map(|q| place(0, q)).collect(),
@@ -98,9 +106,14 @@ fn add_border(
     vertices: &mut Vec<BorderVertex>,
     segments: &mut Vec<Segment>,
 ) {
-    let drawn = patch.indices.as_ref().map(|indices| drawn_segments(indices, borders));
+    let drawn = patch
+        .indices
+        .as_ref()
+        .map(|indices| drawn_segments(indices, borders));
     for (number, border) in borders.iter().enumerate() {
-        let found = border.iter().map(|&place| border_vertex(patch, cells, place));
+        let found = border
+            .iter()
+            .map(|&place| border_vertex(patch, cells, place));
         let first = vertices.len();
         vertices.extend(found);
         for (step, ends) in vertices[first..].windows(2).enumerate() {
@@ -117,11 +130,18 @@ fn drawn_segments(indices: &[u16], borders: &[Vec<Place>; 3]) -> [Vec<bool>; 3] 
     let edges: std::collections::HashSet<(usize, usize)> = indices
         .chunks_exact(3)
         .flat_map(|t| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])])
-        .flat_map(|(a, b)| [(usize::from(a), usize::from(b)), (usize::from(b), usize::from(a))])
+        .flat_map(|(a, b)| {
+            [
+                (usize::from(a), usize::from(b)),
+                (usize::from(b), usize::from(a)),
+            ]
+        })
         .collect();
     [0, 1, 2].map(|number: usize| {
         let steps = borders[number].windows(2);
-        steps.map(|ends| edges.contains(&(ends[0].index, ends[1].index))).collect()
+        steps
+            .map(|ends| edges.contains(&(ends[0].index, ends[1].index)))
+            .collect()
     })
 }
 
@@ -142,12 +162,18 @@ fn border_vertex(patch: &Patch, cells: usize, place: Place) -> BorderVertex {
     for (bits, value) in bits.iter_mut().zip(held) {
         *bits = value.to_bits();
     }
-    BorderVertex { key: key(position), bits }
+    BorderVertex {
+        key: key(position),
+        bits,
+    }
 }
 
 /// Whether a segment, along an axis or a diagonal, has a point in the open domain.
 fn meets_domain(lattice: &Lattice, a: [i64; 2], b: [i64; 2]) -> bool {
-    let ends = [i64::from(lattice.width()) - 1, i64::from(lattice.height()) - 1];
+    let ends = [
+        i64::from(lattice.width()) - 1,
+        i64::from(lattice.height()) - 1,
+    ];
     let length = (b[0] - a[0]).abs().max((b[1] - a[1]).abs());
     // The part 0..length of the segment that is inside, in steps of one along each moving axis.
     let (mut first, mut last) = (0, length);
