@@ -150,7 +150,7 @@ fn cracks(cut: &Cut, source: &MemorySource) -> u64 {
 fn settle(cut: &mut Cut, view: &View, budget: &Budget) -> Stats {
     for _ in 0..5000 {
         let stats = cut.update(view, budget).unwrap();
-        if stats.refined + stats.coarsened == 0 {
+        if stats.refined + stats.coarsened + stats.added == 0 {
             return stats;
         }
     }
