@@ -46,9 +46,14 @@ fn sources() -> Vec<Source> {
                 folders.push(path);
             } else if path.extension().is_some_and(|extension| extension == "rs") {
                 let text = fs::read_to_string(&path).unwrap();
-                let lines = text.lines().map(|line| line.split("//").next().unwrap_or(""));
+                let lines = text
+                    .lines()
+                    .map(|line| line.split("//").next().unwrap_or(""));
                 let path = path.strip_prefix(&root).unwrap().to_path_buf();
-                sources.push(Source { path, code: lines.collect::<Vec<_>>().join("\n") });
+                sources.push(Source {
+                    path,
+                    code: lines.collect::<Vec<_>>().join("\n"),
+                });
             }
         }
     }
@@ -109,15 +114,25 @@ fn no_room_uses_one_above_or_beside_it() {
             }
         }
     }
-    assert!(uses["tool"] > 0 && uses["codec"] > 0, "no uses were found: {uses:?}");
+    assert!(
+        uses["tool"] > 0 && uses["codec"] > 0,
+        "no uses were found: {uses:?}"
+    );
     assert!(breaches.is_empty(), "{breaches:#?}");
 }
 
 #[test]
 fn the_command_line_never_goes_through_the_c_boundary() {
-    for source in sources().iter().filter(|source| source.path.starts_with("bin")) {
+    for source in sources()
+        .iter()
+        .filter(|source| source.path.starts_with("bin"))
+    {
         let names = names_after(&source.code, "kimberlite");
-        assert!(!names.contains(&"ffi".to_owned()), "{}", source.path.display());
+        assert!(
+            !names.contains(&"ffi".to_owned()),
+            "{}",
+            source.path.display()
+        );
     }
 }
 
@@ -127,15 +142,24 @@ fn unsafe_code_stays_at_the_c_boundary_and_in_the_memory_map() {
         if source.path.starts_with("ffi") || source.path == Path::new("store/map.rs") {
             continue;
         }
-        let mut words = source.code.split(|c: char| !c.is_alphanumeric() && c != '_');
-        assert!(words.all(|word| word != "unsafe"), "unsafe in {}", source.path.display());
+        let mut words = source
+            .code
+            .split(|c: char| !c.is_alphanumeric() && c != '_');
+        assert!(
+            words.all(|word| word != "unsafe"),
+            "unsafe in {}",
+            source.path.display()
+        );
     }
 }
 
 #[test]
 fn upward_and_sideways_uses_would_be_found() {
     let code = "use crate::{Error, codec::{Matrix, Units}, build};\nlet x = crate::cut::Cut;";
-    assert_eq!(names_after(code, "crate"), ["Error", "codec", "build", "cut"]);
+    assert_eq!(
+        names_after(code, "crate"),
+        ["Error", "codec", "build", "cut"]
+    );
     assert!(names_after("use other_crate::build;", "crate").is_empty());
     assert!(may_use("tool", "build") && may_use("cut", "codec") && may_use("cut", "cut"));
     assert!(!may_use("cut", "build") && !may_use("store", "codec") && !may_use("geo", "store"));

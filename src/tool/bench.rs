@@ -69,7 +69,9 @@ fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
     let all = lattice.cells() * lattice.cells();
     let inside = |&diamond: &Diamond| {
         let codable = codable_centres(lattice, diamond);
-        codable.map_or(all, |codable| codable.iter().map(|&entry| usize::from(entry)).sum())
+        codable.map_or(all, |codable| {
+            codable.iter().map(|&entry| usize::from(entry)).sum()
+        })
     };
     let samples: usize = chosen.iter().map(inside).sum();
     Ok(samples as f64 / seconds / 1e6)

@@ -12,7 +12,16 @@ fn refused_raw(shape: &str, samples: &[f32], parts: &[&str]) {
     let folder = Folder::new();
     let input = folder.write_f32("raw.bin", samples);
     let output = folder.path("raw.kmb");
-    let run = kmb!["build", &input, "--raw", shape, "-o", &output, "--max-error", "1"];
+    let run = kmb![
+        "build",
+        &input,
+        "--raw",
+        shape,
+        "-o",
+        &output,
+        "--max-error",
+        "1"
+    ];
     run.refuses("raw.bin", parts);
     assert_eq!(folder.names(), ["raw.bin"]);
 }
@@ -32,7 +41,14 @@ fn a_missing_file() {
 fn a_text_file_named_tif_or_kmb() {
     let folder = Folder::new();
     let text = folder.write("text.tif", b"This is no picture.\n");
-    let run = kmb!["build", &text, "-o", &folder.path("a.kmb"), "--max-error", "1"];
+    let run = kmb![
+        "build",
+        &text,
+        "-o",
+        &folder.path("a.kmb"),
+        "--max-error",
+        "1"
+    ];
     run.refuses("text.tif", &[]);
     let text = folder.write("text.kmb", b"This is no terrain.\n");
     kmb!["info", &text].refuses("text.kmb", &["not a Kimberlite repository"]);
@@ -67,9 +83,8 @@ fn one_flipped_bit_in_header_index_or_block() {
     let folder = Folder::new();
     let bytes = fs::read(folder.small_repository("a.kmb")).unwrap();
     // Where the header says that the sections begin (docs/format.md).
-    let offset = |field: usize| {
-        u64::from_le_bytes(bytes[field..field + 8].try_into().unwrap()) as usize
-    };
+    let offset =
+        |field: usize| u64::from_le_bytes(bytes[field..field + 8].try_into().unwrap()) as usize;
     let (index, blocks) = (offset(256), offset(272));
     let flipped = |place: usize| {
         let mut bytes = bytes.clone();
@@ -79,9 +94,17 @@ fn one_flipped_bit_in_header_index_or_block() {
     for place in [16, 30, 200] {
         found_damaged(&folder, &flipped(place), &["header", "checksum mismatch"]);
     }
-    found_damaged(&folder, &flipped(index + 9), &["level 0 diamond (536870912, 536870912)"]);
+    found_damaged(
+        &folder,
+        &flipped(index + 9),
+        &["level 0 diamond (536870912, 536870912)"],
+    );
     for place in [blocks, (blocks + bytes.len()) / 2, bytes.len() - 1] {
-        found_damaged(&folder, &flipped(place), &["level", "diamond (", "checksum mismatch"]);
+        found_damaged(
+            &folder,
+            &flipped(place),
+            &["level", "diamond (", "checksum mismatch"],
+        );
     }
     // What cannot be told of damaged ground is not told.
     let output = folder.path("a.tif");
@@ -100,7 +123,17 @@ fn a_repository_of_another_raster() {
     let mut samples: Vec<f32> = (0..64).map(|index| index as f32).collect();
     let input = folder.write_f32("a.bin", &samples);
     let output = folder.path("b.kmb");
-    kmb!["build", &input, "--raw", "8x8xf32", "-o", &output, "--max-error", "1"].succeeds();
+    kmb![
+        "build",
+        &input,
+        "--raw",
+        "8x8xf32",
+        "-o",
+        &output,
+        "--max-error",
+        "1"
+    ]
+    .succeeds();
     samples[9] += 5.0;
     let changed = folder.write_f32("b.bin", &samples);
     let run = kmb!["verify", &output, "--against", &changed, "--raw", "8x8xf32"];
@@ -108,15 +141,34 @@ fn a_repository_of_another_raster() {
     run.complains("b.kmb", &["exceeds the stored bound 1"]);
     samples[9] = f32::NAN;
     let changed = folder.write_f32("b.bin", &samples);
-    let run = kmb!["verify", &output, "--against", &changed, "--raw", "8x8xf32", "--json"];
-    assert_eq!((run.code, &run.json()["void_mismatches"]), (Some(1), &1.into()));
+    let run = kmb![
+        "verify",
+        &output,
+        "--against",
+        &changed,
+        "--raw",
+        "8x8xf32",
+        "--json"
+    ];
+    assert_eq!(
+        (run.code, &run.json()["void_mismatches"]),
+        (Some(1), &1.into())
+    );
 }
 
 #[test]
 fn rasters_without_area() {
     refused_raw("1x1xf32", &[1.0], &["1 x 1", "both sides need at least 2"]);
-    refused_raw("1x5xf32", &[1.0; 5], &["1 x 5", "both sides need at least 2"]);
-    refused_raw("5x1xf32", &[1.0; 5], &["5 x 1", "both sides need at least 2"]);
+    refused_raw(
+        "1x5xf32",
+        &[1.0; 5],
+        &["1 x 5", "both sides need at least 2"],
+    );
+    refused_raw(
+        "5x1xf32",
+        &[1.0; 5],
+        &["5 x 1", "both sides need at least 2"],
+    );
 }
 
 #[test]
@@ -142,8 +194,21 @@ fn a_max_error_that_is_none() {
 fn options_that_do_not_exist_yet() {
     let folder = Folder::new();
     let (input, output) = (sample("rocky_mountain_np_dem.tif"), folder.path("a.kmb"));
-    for [option, value] in [["--transform", "lifted"], ["--entropy", "rans"], ["--cells", "48"]] {
-        let run = kmb!["build", &input, "-o", &output, "--max-error", "1", option, value];
+    for [option, value] in [
+        ["--transform", "lifted"],
+        ["--entropy", "rans"],
+        ["--cells", "48"],
+    ] {
+        let run = kmb![
+            "build",
+            &input,
+            "-o",
+            &output,
+            "--max-error",
+            "1",
+            option,
+            value
+        ];
         run.refuses(option, &[value, "possible values"]);
     }
 }
@@ -169,7 +234,17 @@ fn levels_and_boxes_without_samples() {
         let run = kmb!["extract", &repository, "-o", &output, "--level", level];
         run.refuses("a.kmb", &[level, "even", "0 to 6"]);
     }
-    let run = kmb!["extract", &repository, "-o", &output, "--bbox", "-1", "-2", "-3", "-4"];
+    let run = kmb![
+        "extract",
+        &repository,
+        "-o",
+        &output,
+        "--bbox",
+        "-1",
+        "-2",
+        "-3",
+        "-4"
+    ];
     run.refuses("a.kmb", &["no sample", "-1 -2 -3 -4"]);
     assert!(!output.exists());
 }
@@ -181,7 +256,17 @@ fn a_height_outside_and_one_that_is_void() {
     samples[..3].fill(f32::NAN);
     let input = folder.write_f32("a.bin", &samples);
     let output = folder.path("a.kmb");
-    kmb!["build", &input, "--raw", "8x8xf32", "-o", &output, "--max-error", "1"].succeeds();
+    kmb![
+        "build",
+        &input,
+        "--raw",
+        "8x8xf32",
+        "-o",
+        &output,
+        "--max-error",
+        "1"
+    ]
+    .succeeds();
     kmb!["height", &output, "3.5", "0"].succeeds();
     kmb!["height", &output, "1", "7"].refuses("a.kmb", &["(1, 7) is void"]);
     kmb!["height", &output, "-0.5", "0"].refuses("a.kmb", &["(-0.5, 0) is outside"]);
@@ -210,10 +295,22 @@ fn voids_that_an_integer_raster_cannot_say() {
     kmb!["extract", &repository, "-o", &output].refuses("a.kmb", &["void", "--nodata V"]);
     assert!(!output.exists());
     let nodata = ["--nodata", "-32768"];
-    let run =
-        kmb!["build", &west, &east, nodata[0], nodata[1], "-o", &repository, "--max-error", "0"];
+    let run = kmb![
+        "build",
+        &west,
+        &east,
+        nodata[0],
+        nodata[1],
+        "-o",
+        &repository,
+        "--max-error",
+        "0"
+    ];
     run.succeeds();
     kmb!["extract", &repository, "-o", &output].succeeds();
     let info = kmb!["info", &repository, "--json"].succeeds().json();
-    assert_eq!((&info["void_samples"], &info["nodata"]), (&200.into(), &(-32768.0).into()));
+    assert_eq!(
+        (&info["void_samples"], &info["nodata"]),
+        (&200.into(), &(-32768.0).into())
+    );
 }

@@ -12,16 +12,29 @@ use std::time::{Duration, Instant};
 /// Begins a build that takes a while.
 fn start_build(output: &Path) -> Child {
     let mut build = command();
-    build.arg("build").arg(sample("srtm3_N49W124.tif")).arg(sample("srtm3_N49W123.tif"));
-    build.arg("-o").arg(output).args(["--max-error", "0", "--threads", "1"]);
-    build.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+    build
+        .arg("build")
+        .arg(sample("srtm3_N49W124.tif"))
+        .arg(sample("srtm3_N49W123.tif"));
+    build
+        .arg("-o")
+        .arg(output)
+        .args(["--max-error", "0", "--threads", "1"]);
+    build
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
 }
 
 /// Waits until the build has begun to write, or fails.
 fn wait_for_writing(folder: &Folder) {
     let start = Instant::now();
     while folder.names().is_empty() {
-        assert!(start.elapsed() < Duration::from_secs(60), "nothing is written");
+        assert!(
+            start.elapsed() < Duration::from_secs(60),
+            "nothing is written"
+        );
         sleep(Duration::from_millis(1));
     }
 }
@@ -48,7 +61,13 @@ fn an_interrupted_build_cleans_up() {
         let build = start_build(&folder.path("a.kmb"));
         wait_for_writing(&folder);
         let kill = format!("kill -{signal} {}", build.id());
-        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        assert!(
+            Command::new("sh")
+                .args(["-c", &kill])
+                .status()
+                .unwrap()
+                .success()
+        );
         let run: Run = build.wait_with_output().unwrap().into();
         assert_eq!(run.code, Some(130), "{}", run.stderr);
         run.complains("srtm3_N49W124.tif", &["cancelled"]);
@@ -66,7 +85,9 @@ fn a_full_disk_leaves_nothing() {
     let limited = |arguments: &[&Path]| -> Run {
         let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"";
         let mut shell = Command::new("sh");
-        shell.args(["-c", script, env!("CARGO_BIN_EXE_kmb")]).args(arguments);
+        shell
+            .args(["-c", script, env!("CARGO_BIN_EXE_kmb")])
+            .args(arguments);
         shell.output().unwrap().into()
     };
     let input = sample("jacksboro_fault_srtm3.tif");
@@ -82,7 +103,14 @@ fn a_full_disk_leaves_nothing() {
 fn a_result_that_cannot_be_printed_is_an_error() {
     let folder = Folder::new();
     let repository = folder.small_repository("a.kmb");
-    let Ok(full) = std::fs::File::options().write(true).open("/dev/full") else { return };
-    let output = command().arg("info").arg(repository).stdout(full).output().unwrap();
+    let Ok(full) = std::fs::File::options().write(true).open("/dev/full") else {
+        return;
+    };
+    let output = command()
+        .arg("info")
+        .arg(repository)
+        .stdout(full)
+        .output()
+        .unwrap();
     Run::from(output).refuses("standard output", &["No space left"]);
 }

@@ -26,13 +26,18 @@ impl Folder {
     }
 
     pub fn write_f32(&self, name: &str, samples: &[f32]) -> PathBuf {
-        let bytes: Vec<u8> = samples.iter().flat_map(|sample| sample.to_le_bytes()).collect();
+        let bytes: Vec<u8> = samples
+            .iter()
+            .flat_map(|sample| sample.to_le_bytes())
+            .collect();
         self.write(name, &bytes)
     }
 
     pub fn names(&self) -> Vec<String> {
         let entries = fs::read_dir(self.0.path()).unwrap();
-        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+        entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect()
     }
 
     /// A small repository of a shipped raster.
@@ -46,7 +51,9 @@ impl Folder {
 
 /// A shipped raster.
 pub fn sample(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("data").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("data")
+        .join(name)
 }
 
 /// What a run of `kmb` came to.
@@ -98,7 +105,10 @@ impl Run {
     /// Says one line that names `subject` and holds all of `parts`.
     pub fn complains(&self, subject: &str, parts: &[&str]) {
         let line = &self.stderr;
-        assert!(line.starts_with("kmb: ") && line.ends_with('\n'), "{line:?}");
+        assert!(
+            line.starts_with("kmb: ") && line.ends_with('\n'),
+            "{line:?}"
+        );
         assert_eq!(line.lines().count(), 1, "{line:?}");
         for part in parts.iter().chain([&subject]) {
             assert!(line.contains(part), "{part:?} is missing in {line:?}");
@@ -107,7 +117,13 @@ impl Run {
 
     /// The one JSON object that was printed, whatever the code.
     pub fn json(&self) -> Map<String, Value> {
-        assert_eq!(self.stdout.lines().count(), 1, "{}{}", self.stdout, self.stderr);
+        assert_eq!(
+            self.stdout.lines().count(),
+            1,
+            "{}{}",
+            self.stdout,
+            self.stderr
+        );
         serde_json::from_str(&self.stdout).unwrap()
     }
 }
@@ -115,6 +131,9 @@ impl Run {
 /// Fails unless `keys` are all there and numbers.
 pub fn assert_numbers(object: &Map<String, Value>, keys: &[&str]) {
     for &key in keys {
-        assert!(object.get(key).is_some_and(Value::is_number), "{key} in {object:?}");
+        assert!(
+            object.get(key).is_some_and(Value::is_number),
+            "{key} in {object:?}"
+        );
     }
 }
