@@ -6,6 +6,7 @@ use crate::cut::{Cut, CutOptions, DiamondSource, Query, Stats, Terrain, VertexFo
 use crate::schedule::Budget;
 use crate::{Error, Result};
 use std::cell::RefCell;
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -71,7 +72,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         microseconds: flight.budget_microseconds.unwrap_or(u64::MAX),
         ..Budget::UNLIMITED
     };
-    let voids = Voids::new(terrain);
+    let voids = RefCell::new(Voids::new(terrain));
     let mut log = Log::default();
     for (frame, view) in views.iter().enumerate() {
         if !progress(frame as u64, views.len() as u64) {
@@ -83,7 +84,9 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         // As a program that draws would, so that the lists of changes do not pile up.
         cut.take_changes();
         let patches = cut.all_patches().map(Arc::as_ref);
-        let cracks = count_cracks(patches, terrain.lattice(), |a, b| voids.may_border(a, b));
+        let cracks = count_cracks(patches, terrain.lattice(), |a, b| {
+            voids.borrow_mut().may_border(a, b)
+        });
         log.add(&stats, microseconds, cracks);
     }
     Ok(log.report())
@@ -110,37 +113,41 @@ fn check(flight: &Flight) -> Result<()> {
 
 /// Where triangles may be missing.
 struct Voids {
-    /// `None` where the terrain has none.
-    query: Option<RefCell<Query>>,
+    query: Query,
+    /// Segments that were asked for: most come again in the next frame.
+    known: HashMap<[[i64; 2]; 2], bool>,
 }
 
 impl Voids {
     fn new(terrain: &Arc<Terrain>) -> Voids {
-        let has_voids = terrain.header().void_samples > 0;
         Voids {
-            query: has_voids.then(|| RefCell::new(Query::new(terrain.clone(), QUERY_BYTES))),
+            query: Query::new(terrain.clone(), QUERY_BYTES),
+            known: HashMap::new(),
         }
     }
 
     /// Whether one side of the segment between two vertices may be open: a triangle of samples is missing
     /// where any of its vertices is void, a coarser one only where all are.
-    fn may_border(&self, a: [i64; 2], b: [i64; 2]) -> bool {
+    fn may_border(&mut self, a: [i64; 2], b: [i64; 2]) -> bool {
+        if let Some(&known) = self.known.get(&[a, b]) {
+            return known;
+        }
         let low = [0, 1].map(|axis| a[axis].min(b[axis]));
         let high = [0, 1].map(|axis| a[axis].max(b[axis]));
-        if high[0] - low[0] > 1 || high[1] - low[1] > 1 {
-            return self.is_void(a) && self.is_void(b);
-        }
-        let rows = low[1] - 1..=high[1] + 1;
-        rows.flat_map(|row| (low[0] - 1..=high[0] + 1).map(move |column| [column, row]))
-            .any(|place| self.is_void(place))
+        let may = if high[0] - low[0] > 1 || high[1] - low[1] > 1 {
+            self.is_void(a) && self.is_void(b)
+        } else {
+            let rows = low[1] - 1..=high[1] + 1;
+            rows.flat_map(|row| (low[0] - 1..=high[0] + 1).map(move |column| [column, row]))
+                .any(|place| self.is_void(place))
+        };
+        self.known.insert([a, b], may);
+        may
     }
 
     /// Whether a sample is void or outside. One that cannot be read is not, so that it shows as a crack.
-    fn is_void(&self, [column, row]: [i64; 2]) -> bool {
-        let Some(query) = &self.query else {
-            return false;
-        };
-        let height = query.borrow_mut().height_at_grid(column as f64, row as f64);
+    fn is_void(&mut self, [column, row]: [i64; 2]) -> bool {
+        let height = self.query.height_at_grid(column as f64, row as f64);
         matches!(height, Ok(None))
     }
 }
