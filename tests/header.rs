@@ -33,7 +33,10 @@ fn section(root: &Path, file: &str, types: &[&str]) -> String {
     config.export.include = types.iter().map(|name| (*name).to_owned()).collect();
     let source = root.join(format!("src/ffi/{file}.rs"));
     let builder = cbindgen::Builder::new().with_config(config);
-    let bindings = builder.with_src(source).generate().expect("the sources parse");
+    let bindings = builder
+        .with_src(source)
+        .generate()
+        .expect("the sources parse");
     let mut bytes = Vec::new();
     bindings.write(&mut bytes);
     String::from_utf8(bytes).expect("the header is text")
@@ -57,7 +60,10 @@ fn the_header_is_that_of_the_sources() {
         fs::write(&path, &generated).expect("the header can be written");
     }
     let committed = fs::read_to_string(&path).expect("the header can be read");
-    let differs = committed.lines().zip(generated.lines()).position(|(a, b)| a != b);
+    let differs = committed
+        .lines()
+        .zip(generated.lines())
+        .position(|(a, b)| a != b);
     assert!(
         committed == generated,
         "include/kimberlite.h differs from src/ffi/ at line {:?}; KMB_WRITE_HEADER=1 writes it anew",

@@ -287,6 +287,7 @@ impl Cut {
         while let Some(top) = self.next_refinement(pass.tolerance) {
             let mut chain = std::mem::take(&mut self.chain);
             chain.clear();
+            let refined = pass.stats.refined;
             let halt = if self.graph.chain(top.item.2, &mut chain) {
                 self.refine_chain(&chain, top.key, pass)
             } else {
@@ -294,10 +295,12 @@ impl Cut {
                 None
             };
             self.chain = chain;
+            if pass.stats.refined > refined {
+                self.discard_one(pass);
+            }
             if let Some(halt) = halt {
                 return halt;
             }
-            self.discard_one(pass);
         }
         Halt::Satisfied
     }
@@ -433,15 +436,16 @@ impl Cut {
         }
     }
 
-    /// Coarsens one diamond that has been out of sight for long. Each refinement pays for one, so that
+    /// Coarsens one diamond that has been out of sight for long. Refining pays for it, so that
     /// garbage cannot pile up while budgets always end before [`collect`](Self::collect).
     fn discard_one(&mut self, pass: &mut Pass) {
-        if let Some(least) = self.next_coarsening()
-            && least.key == 0.0
-            && let Some(node) = self.graph.node(least.item.2)
-            && node.refined_at + PATIENCE < self.updates
-        {
-            self.try_coarsen(least, pass);
+        while let Some(least) = self.next_coarsening().filter(|least| least.key == 0.0) {
+            let node = self.graph.node(least.item.2);
+            if node.is_some_and(|node| node.refined_at + PATIENCE < self.updates) {
+                self.try_coarsen(least, pass);
+                return;
+            }
+            self.coarsenings.pop();
         }
     }
 

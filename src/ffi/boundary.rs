@@ -358,17 +358,35 @@ mod tests {
     fn a_panic_breaks_a_shared_handle() {
         let own = lamp();
         let handle = &raw const own;
-        assert_eq!(boundary!(shared handle: Lamp, { let _ = handle; Ok(()) }), kmb_status::KMB_OK);
-        assert_eq!(boundary!(shared handle: Lamp, { let _ = handle; panics() }), kmb_status::KMB_PANIC);
-        assert_eq!(boundary!(shared handle: Lamp, { let _ = handle; Ok(()) }), kmb_status::KMB_PANIC);
+        assert_eq!(
+            boundary!(shared handle: Lamp, { let _ = handle; Ok(()) }),
+            kmb_status::KMB_OK
+        );
+        assert_eq!(
+            boundary!(shared handle: Lamp, { let _ = handle; panics() }),
+            kmb_status::KMB_PANIC
+        );
+        assert_eq!(
+            boundary!(shared handle: Lamp, { let _ = handle; Ok(()) }),
+            kmb_status::KMB_PANIC
+        );
     }
 
     #[test]
     fn a_panic_breaks_an_exclusive_handle() {
         let mut own = lamp();
         let handle = &raw mut own;
-        assert_eq!(boundary!(exclusive handle: Lamp, { let _ = handle; Ok(()) }), kmb_status::KMB_OK);
-        assert_eq!(boundary!(exclusive handle: Lamp, { let _ = handle; panics() }), kmb_status::KMB_PANIC);
-        assert_eq!(boundary!(exclusive handle: Lamp, { let _ = handle; Ok(()) }), kmb_status::KMB_PANIC);
+        assert_eq!(
+            boundary!(exclusive handle: Lamp, { let _ = handle; Ok(()) }),
+            kmb_status::KMB_OK
+        );
+        assert_eq!(
+            boundary!(exclusive handle: Lamp, { let _ = handle; panics() }),
+            kmb_status::KMB_PANIC
+        );
+        assert_eq!(
+            boundary!(exclusive handle: Lamp, { let _ = handle; Ok(()) }),
+            kmb_status::KMB_PANIC
+        );
     }
 }

@@ -377,7 +377,11 @@ fn as_stored(
     first_row: u32,
     samples: &mut [f64],
 ) -> Result<()> {
-    for (index, sample) in samples.iter_mut().enumerate().filter(|(_, sample)| !sample.is_nan()) {
+    for (index, sample) in samples
+        .iter_mut()
+        .enumerate()
+        .filter(|(_, sample)| !sample.is_nan())
+    {
         *sample = stored_value(*sample, sample_type).ok_or_else(|| {
             let (column, row) = (index % width, first_row as usize + index / width);
             let name = sample_type.name();

@@ -200,7 +200,9 @@ fn chosen_form(number: u32) -> Result<VertexForm, Failure> {
     match number {
         number if number == kmb_vertex_form::KMB_VERTEX_COMPACT as u32 => Ok(VertexForm::Compact),
         number if number == kmb_vertex_form::KMB_VERTEX_EXPANDED as u32 => Ok(VertexForm::Expanded),
-        _ => Err(Failure::argument(format!("vertex form {number} is unknown"))),
+        _ => Err(Failure::argument(format!(
+            "vertex form {number} is unknown"
+        ))),
     }
 }
 

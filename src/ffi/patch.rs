@@ -74,7 +74,12 @@ pub unsafe extern "C" fn kmb_patch_describe(
 ) -> kmb_status {
     boundary!({
         // SAFETY: the caller passes pointers as the header asks.
-        let (patch, out) = unsafe { (required(patch.cast::<Patch>(), "patch")?, output_struct(info)?) };
+        let (patch, out) = unsafe {
+            (
+                required(patch.cast::<Patch>(), "patch")?,
+                output_struct(info)?,
+            )
+        };
         let indices = patch.indices.as_deref();
         out.write(kmb_patch_info {
             struct_size: size_of::<kmb_patch_info>() as u32,

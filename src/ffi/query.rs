@@ -132,7 +132,9 @@ fn check_position(x: f64, y: f64) -> Outcome {
     if x.is_finite() && y.is_finite() {
         return Ok(());
     }
-    Err(Failure::argument(format!("the position {x}, {y} is not finite")))
+    Err(Failure::argument(format!(
+        "the position {x}, {y} is not finite"
+    )))
 }
 
 fn told(height: Option<Height>, x: f64, y: f64) -> Result<kmb_height, Failure> {

@@ -105,7 +105,9 @@ pub extern "C" fn kmb_abi_version() -> u32 {
 /// May be called from any thread at any time.
 #[unsafe(no_mangle)]
 pub extern "C" fn kmb_status_name(status: i32) -> *const c_char {
-    let name = usize::try_from(status).ok().and_then(|index| NAMES.get(index));
+    let name = usize::try_from(status)
+        .ok()
+        .and_then(|index| NAMES.get(index));
     name.map_or(c"unknown status", |name| name).as_ptr()
 }
 

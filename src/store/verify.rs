@@ -70,7 +70,7 @@ impl Store {
     pub fn verify(&self) -> Verification {
         let mut damaged = Vec::new();
         let mut scratch = Vec::new();
-        // Where the next page's blocks must begin; not known after a damaged page.
+        // Where the next page's blocks must begin; not known after a page that is damaged.
         let mut expected_base = Some(0);
         for number in 0..self.pages() {
             let ranks = self.page_ranks(number);
@@ -101,7 +101,7 @@ impl Store {
             let is_last = number + 1 == self.pages();
             let joins = expected_base.is_none_or(|base| base == page.base())
                 && (!is_last || end == Some(self.blocks_length()));
-            expected_base = end;
+            expected_base = end.filter(|_| joins);
             if joins {
                 self.verify_groups(&page, ranks.start, &mut damaged);
             } else {

@@ -1,7 +1,7 @@
 //! How fast blocks are read and decoded.
 
 use super::random::Random;
-use crate::codec::{Matrix, child_vertices};
+use crate::codec::{Matrix, child_vertices, codable_centres};
 use crate::cut::{DiamondSource, Terrain};
 use crate::lattice::Diamond;
 use crate::{Error, Result};
@@ -17,7 +17,7 @@ const LOOKED_UP: usize = 100_000;
 /// What was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Speed {
-    /// Centres decoded a second, in millions, on one core: reading the block from the warm file, its
+    /// Samples of the raster decoded a second, in millions, on one core: reading the block from the warm file, its
     /// mask and coefficients, and the prediction, from vertices in memory.
     pub decode_msamples_per_s: f64,
     /// Median time to get a random block by its rank, in nanoseconds.
@@ -65,8 +65,16 @@ fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
     for (diamond, vertices) in prepared() {
         black_box(terrain.centres(diamond, vertices)?);
     }
-    let samples = chosen.len() * lattice.cells() * lattice.cells();
-    Ok(samples as f64 / start.elapsed().as_secs_f64() / 1e6)
+    let seconds = start.elapsed().as_secs_f64();
+    let all = lattice.cells() * lattice.cells();
+    let inside = |&diamond: &Diamond| {
+        let codable = codable_centres(lattice, diamond);
+        codable.map_or(all, |codable| {
+            codable.iter().map(|&entry| usize::from(entry)).sum()
+        })
+    };
+    let samples: usize = chosen.iter().map(inside).sum();
+    Ok(samples as f64 / seconds / 1e6)
 }
 
 /// Diamonds of the finest level with blocks, without repetition, in random order.

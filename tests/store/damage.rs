@@ -21,7 +21,7 @@ fn seal_page(bytes: &mut [u8], start: usize, length: usize) {
 
 #[test]
 fn a_flipped_bit_goes_unnoticed() {
-    let content = Content::small(70);
+    let content = Content::small(12);
     let good = content.bytes();
     for access in BOTH {
         let folder = Folder::new();
@@ -125,7 +125,7 @@ fn damage_of_a_page_or_a_group_spreads_or_is_not_named() {
 
 #[test]
 fn a_truncated_file_opens() {
-    let good = Content::small(70).bytes();
+    let good = Content::small(12).bytes();
     let whole = good.len();
     for length in 0..whole {
         let expected = match length {
@@ -244,7 +244,7 @@ fn an_index_that_points_outside_the_blocks_is_followed() {
 
 #[test]
 fn pages_that_overlap_pass_verification() {
-    let good = Content::small(128).bytes();
+    let good = Content::small(192).bytes();
     let (index, _) = index_and_blocks(&good);
     let mut bytes = good.clone();
     let second = index + 364;

@@ -34,7 +34,7 @@ fn metadata() -> Vec<u8> {
 /// A repository of nine blocks of `rank` units of 4 bytes each, of which the last byte is padding.
 fn golden(metadata: &[u8]) -> Vec<u8> {
     let (roots, tables) = (b"ROOT", b"TABLE");
-    let blocks: Vec<u8> = (0..9u8).flat_map(|rank| padded(rank)).collect();
+    let blocks: Vec<u8> = (0..9u8).flat_map(padded).collect();
     assert_eq!(blocks.len(), 144);
     let mut index = Vec::new();
     index.extend(0u64.to_le_bytes());

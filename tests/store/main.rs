@@ -1,5 +1,7 @@
 //! The packed file: what goes in comes out, damage is named, and a file under its final name is whole.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
+
 mod content;
 mod damage;
 mod faults;

@@ -11,7 +11,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Heights by row and column; `None` is void.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Raster {
     pub width: u32,
     pub height: u32,
@@ -22,14 +22,20 @@ impl Raster {
     pub fn new(width: u32, height: u32, sample: impl Fn(i64, i64) -> Option<i32>) -> Raster {
         let at = |k: i64| sample(k % i64::from(width), k / i64::from(width));
         let samples = (0..i64::from(width) * i64::from(height)).map(at).collect();
-        Raster { width, height, samples }
+        Raster {
+            width,
+            height,
+            samples,
+        }
     }
 
     /// The sample there; `None` where void or outside.
     pub fn at(&self, [column, row]: [i64; 2]) -> Option<i32> {
-        let inside =
-            (0..i64::from(self.width)).contains(&column) && (0..i64::from(self.height)).contains(&row);
-        inside.then(|| self.samples[(row * i64::from(self.width) + column) as usize]).flatten()
+        let inside = (0..i64::from(self.width)).contains(&column)
+            && (0..i64::from(self.height)).contains(&row);
+        inside
+            .then(|| self.samples[(row * i64::from(self.width) + column) as usize])
+            .flatten()
     }
 
     fn range(&self) -> [i32; 2] {
@@ -67,7 +73,10 @@ impl MemorySource {
         let lattice = Lattice::new(raster.width, raster.height, cells_log2).unwrap();
         let root = root_of(&lattice, &raster);
         MemorySource {
-            frame: Frame { origin: [500_000.0, 4_000_000.0], step: [30.0, -30.0] },
+            frame: Frame {
+                origin: [500_000.0, 4_000_000.0],
+                step: [30.0, -30.0],
+            },
             lattice,
             root,
             raster,
@@ -98,7 +107,10 @@ impl MemorySource {
             if codable.as_ref().is_some_and(|codable| codable[index] == 0) {
                 continue;
             }
-            if let Some(sample) = self.raster.at(placement.centre(index % cells, index / cells)) {
+            if let Some(sample) = self
+                .raster
+                .at(placement.centre(index % cells, index / cells))
+            {
                 (values[index], valid[index]) = (sample, 1);
             }
         }
@@ -128,10 +140,16 @@ impl DiamondSource for MemorySource {
     }
 
     fn summary(&self, diamond: Diamond, parent_range: [i32; 2]) -> Result<Summary> {
-        assert!(diamond.level() < self.lattice.levels(), "a leaf diamond has no summary");
+        assert!(
+            diamond.level() < self.lattice.levels(),
+            "a leaf diamond has no summary"
+        );
         Ok(match &self.summaries {
             Some(summaries) => summaries[&diamond],
-            None => Summary { error: self.constant_error, range: parent_range },
+            None => Summary {
+                error: self.constant_error,
+                range: parent_range,
+            },
         })
     }
 
@@ -148,21 +166,30 @@ impl DiamondSource for MemorySource {
 fn root_of(lattice: &Lattice, raster: &Raster) -> Matrix {
     let side = lattice.cells() + 1;
     let placement = lattice.placement(lattice.root());
-    let samples: Vec<Option<i32>> =
-        (0..side * side).map(|k| raster.at(placement.vertex(k % side, k / side))).collect();
+    let samples: Vec<Option<i32>> = (0..side * side)
+        .map(|k| raster.at(placement.vertex(k % side, k / side)))
+        .collect();
     let [low, high] = raster.range();
     let middle = ((i64::from(low) + i64::from(high)) / 2) as i32;
     let nearest = |k: usize| {
         let known = (0..side * side).filter(|&other| samples[other].is_some());
         known.min_by_key(|&other| {
-            let (di, dj) = ((k % side).abs_diff(other % side), (k / side).abs_diff(other / side));
+            let (di, dj) = (
+                (k % side).abs_diff(other % side),
+                (k / side).abs_diff(other / side),
+            );
             di * di + dj * dj
         })
     };
     let value = |k: usize| samples[k].or_else(|| nearest(k).and_then(|other| samples[other]));
     Matrix::new(
-        (0..side * side).map(|k| value(k).unwrap_or(middle)).collect(),
-        samples.iter().map(|sample| u8::from(sample.is_some())).collect(),
+        (0..side * side)
+            .map(|k| value(k).unwrap_or(middle))
+            .collect(),
+        samples
+            .iter()
+            .map(|sample| u8::from(sample.is_some()))
+            .collect(),
     )
 }
 
@@ -201,8 +228,15 @@ impl<'a> Summaries<'a> {
         for level in (0..=lattice.levels()).rev() {
             for diamond in lattice.diamonds(level) {
                 let vertices = &self.matrices[&diamond].0.values;
-                let mut range = [*vertices.iter().min().unwrap(), *vertices.iter().max().unwrap()];
-                let mut error = if level < lattice.levels() { self.error(diamond) } else { 0.0 };
+                let mut range = [
+                    *vertices.iter().min().unwrap(),
+                    *vertices.iter().max().unwrap(),
+                ];
+                let mut error = if level < lattice.levels() {
+                    self.error(diamond)
+                } else {
+                    0.0
+                };
                 for child in lattice.children(diamond).into_iter().flatten() {
                     let below: &Summary = &summaries[&child];
                     range = [range[0].min(below.range[0]), range[1].max(below.range[1])];
@@ -218,7 +252,8 @@ impl<'a> Summaries<'a> {
         let lattice = &self.source.lattice;
         let placement = lattice.placement(diamond);
         let side = lattice.cells();
-        let corners = [(0, 0), (side, 0), (side, side), (0, side)].map(|(i, j)| placement.vertex(i, j));
+        let corners =
+            [(0, 0), (side, 0), (side, side), (0, side)].map(|(i, j)| placement.vertex(i, j));
         let extent = |axis: usize, end: u32| {
             let places = corners.map(|corner| corner[axis]);
             let low = places.into_iter().min().unwrap().max(0);
@@ -227,7 +262,9 @@ impl<'a> Summaries<'a> {
         let mut error = 0.0f64;
         for row in extent(1, lattice.height()) {
             for column in extent(0, lattice.width()) {
-                let Some(own) = self.interpolated(diamond, &placement, [column, row]) else { continue };
+                let Some(own) = self.interpolated(diamond, &placement, [column, row]) else {
+                    continue;
+                };
                 let found = match (self.source.raster.at([column, row]), own) {
                     (Some(sample), Some(own)) => (f64::from(sample) - own).abs(),
                     _ => f64::INFINITY,
@@ -240,18 +277,27 @@ impl<'a> Summaries<'a> {
 
     /// Height of the diamond's own triangles at a sample: the outer `None` where it is not in the
     /// square, the inner where no triangle is drawn.
-    fn interpolated(&self, diamond: Diamond, at: &Placement, place: [i64; 2]) -> Option<Option<f64>> {
+    fn interpolated(
+        &self,
+        diamond: Diamond,
+        at: &Placement,
+        place: [i64; 2],
+    ) -> Option<Option<f64>> {
         let (lattice, vertices) = (&self.source.lattice, &self.matrices[&diamond].0);
         let cells = lattice.cells();
         let offset = [place[0] - at.origin[0], place[1] - at.origin[1]];
         let square = at.ax[0] * at.ax[0] + at.ax[1] * at.ax[1];
-        let along = |axis: [i64; 2]| (offset[0] * axis[0] + offset[1] * axis[1]) as f64 / square as f64;
+        let along =
+            |axis: [i64; 2]| (offset[0] * axis[0] + offset[1] * axis[1]) as f64 / square as f64;
         let (i, j) = (along(at.ax), along(at.ay));
         let end = cells as f64;
         if i < 0.0 || j < 0.0 || i > end || j > end {
             return None;
         }
-        let (ci, cj) = ((i.floor() as usize).min(cells - 1), (j.floor() as usize).min(cells - 1));
+        let (ci, cj) = (
+            (i.floor() as usize).min(cells - 1),
+            (j.floor() as usize).min(cells - 1),
+        );
         let (s, t) = (i - ci as f64, j - cj as f64);
         let index = |di: usize, dj: usize| (cj + dj) * (cells + 1) + ci + di;
         let ends = [index(0, 0), index(1, 0), index(1, 1), index(0, 1)];
@@ -267,7 +313,10 @@ impl<'a> Summaries<'a> {
             ([ends[2], ends[3], ends[1]], [s + t - 1.0, 1.0 - s, 1.0 - t])
         };
         let drawn = triangle.iter().any(|&vertex| vertices.is_valid(vertex));
-        let height = triangle.iter().zip(weights).map(|(&k, w)| f64::from(vertices.values[k]) * w);
+        let height = triangle
+            .iter()
+            .zip(weights)
+            .map(|(&k, w)| f64::from(vertices.values[k]) * w);
         Some(drawn.then(|| height.sum()))
     }
 }

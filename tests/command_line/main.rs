@@ -1,0 +1,6 @@
+//! What `kmb` promises to scripts: its results, its keys, its exit codes and its messages.
+
+mod bad_input;
+mod interruption;
+mod kmb;
+mod results;

@@ -1,0 +1,145 @@
+//! Every real raster at three maximum errors: built, verified against its input, extracted, compared.
+//!
+//! Takes `data/`, and the folder that `KIMBERLITE_DATA` names; says what it passed over.
+
+mod common;
+
+use common::max_difference;
+use kimberlite::build::source::{RasterSource, SourceOptions, open};
+use kimberlite::build::{BuildOptions, build};
+use kimberlite::cut::Terrain;
+use kimberlite::geo::RasterInfo;
+use kimberlite::store::Access;
+use kimberlite::tool::{self, Extract};
+use std::path::{Path, PathBuf};
+
+const SUFFIXES: [&str; 6] = ["tif", "tiff", "png", "hgt", "asc", "bil"];
+
+fn rasters() -> Vec<PathBuf> {
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+    let named = std::env::var_os("KIMBERLITE_DATA").map(PathBuf::from);
+    if named.is_none() {
+        println!("KIMBERLITE_DATA names no folder: only data/ is taken");
+    }
+    let mut files = Vec::new();
+    for folder in [Some(shipped), named].into_iter().flatten() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            let suffix = path
+                .extension()
+                .map(|suffix| suffix.to_string_lossy().to_lowercase());
+            if suffix.is_some_and(|suffix| SUFFIXES.contains(&suffix.as_str())) {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+fn read(path: &Path) -> (RasterInfo, Vec<f64>) {
+    let mut source = open(path, &SourceOptions::default()).unwrap();
+    let info = source.info().clone();
+    let mut samples = vec![0.0; info.width as usize * info.height as usize];
+    source.read_rows(&mut samples).unwrap();
+    (info, samples)
+}
+
+fn check(path: &Path, max_error: f64) {
+    let folder = tempfile::tempdir().unwrap();
+    let repository = folder.path().join("a.kmb");
+    let mut source = open(path, &SourceOptions::default()).unwrap();
+    let options = BuildOptions {
+        max_error,
+        ..BuildOptions::default()
+    };
+    let report = build(source.as_mut(), &options, &repository, &mut |_, _| true).unwrap();
+    let valid = (report.samples - report.void_samples).max(1);
+
+    let terrain = Terrain::open(&repository, Access::Positioned).unwrap();
+    let mut again = open(path, &SourceOptions::default()).unwrap();
+    let verdict = tool::verify(&terrain, Some(again.as_mut()), &mut |_, _| true).unwrap();
+    let found = verdict.comparison.unwrap();
+    assert!(verdict.ok, "{}", path.display());
+    assert_eq!(found.void_mismatches, 0);
+    assert!(found.max_error <= max_error);
+    assert_eq!(found.max_error, report.max_error);
+
+    let extracted = folder.path().join("a.tif");
+    let whole = Extract {
+        level: None,
+        corners: None,
+    };
+    tool::extract(&terrain, &extracted, &whole, &mut |_, _| true).unwrap();
+    let ((info, samples), (found, decoded)) = (read(path), read(&extracted));
+    assert!(max_difference(&samples, &decoded) <= max_error);
+    assert_eq!(found.sample_type, info.sample_type);
+    assert_eq!(
+        found.nodata.map(f64::to_bits),
+        info.nodata.map(f64::to_bits)
+    );
+    assert_eq!((&found.crs, found.geographic), (&info.crs, info.geographic));
+    assert_eq!(
+        (found.value_scale, found.value_offset),
+        (info.value_scale, info.value_offset)
+    );
+    if info.georeferenced {
+        let corners = |info: &RasterInfo| {
+            let last = [f64::from(info.width) - 1.0, f64::from(info.height) - 1.0];
+            [
+                info.sample_to_crs(0.0, 0.0),
+                info.sample_to_crs(last[0], last[1]),
+            ]
+            .concat()
+        };
+        let tolerance = info.geotransform[1].abs() * 1e-6;
+        for (a, b) in corners(&info).iter().zip(corners(&found)) {
+            assert!(
+                (a - b).abs() <= tolerance,
+                "the geotransform moved: {a} to {b}"
+            );
+        }
+        assert_eq!(found.registration, info.registration);
+    }
+    let extremes = |samples: &[f64]| {
+        let valid = samples.iter().filter(|sample| !sample.is_nan());
+        valid.fold([f64::MAX, f64::MIN], |[low, high], &s| {
+            [low.min(s), high.max(s)]
+        })
+    };
+    let (allowed, reached) = (extremes(&samples), extremes(&decoded));
+    assert!(
+        allowed[0] <= reached[0] && reached[1] <= allowed[1],
+        "beyond the input's range"
+    );
+    println!(
+        "{:40} E {max_error:8} max error {:8.4} bits per sample {:7.4}",
+        path.file_name().unwrap().to_string_lossy(),
+        report.max_error,
+        8.0 * report.bytes as f64 / valid as f64,
+    );
+}
+
+#[test]
+fn real_rasters_keep_their_certified_error_georeference_and_voids() {
+    let mut count = 0;
+    for path in rasters() {
+        let source = match open(&path, &SourceOptions::default()) {
+            Ok(source) => source,
+            Err(error) => {
+                println!("passed over: {error}");
+                continue;
+            }
+        };
+        let integer = source.info().sample_type.is_integer();
+        for max_error in if integer {
+            [0.0, 2.0, 8.0]
+        } else {
+            [0.01, 0.1, 1.0]
+        } {
+            check(&path, max_error);
+        }
+        count += 1;
+    }
+    assert!(count >= 7, "data/ has seven rasters");
+}
