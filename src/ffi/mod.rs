@@ -1,7 +1,7 @@
 //! Floor 4: the C boundary: argument checks, panic barrier, ownership of handles. No algorithm.
 //!
-//! `include/kimberlite.h` is made from this room by `tests/header.rs`, one section from each of the files below; their
-//! doc comments are its manual and speak to C programmers.
+//! `include/kimberlite.h` is made from this room by `tests/header.rs`, one section from each of the
+//! files below; their doc comments are its manual and speak to C programmers.
 //!
 //! | file | section |
 //! |---|---|
