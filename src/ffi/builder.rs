@@ -267,7 +267,7 @@ pub unsafe extern "C" fn kmb_builder_set_value_scale(
     boundary!(exclusive builder: kmb_builder, {
         if !value_scale.is_finite() || value_scale == 0.0 || !value_offset.is_finite() {
             return Err(Failure::argument(format!(
-                "value scale {value_scale} and offset {value_offset}: they must be finite, the scale not 0"
+                "value scale {value_scale} and offset {value_offset} must be finite, the scale not 0"
             )));
         }
         builder.raster.value_scale = value_scale;

@@ -13,7 +13,8 @@
 //! | `query.rs` | heights and windows of samples, without any view |
 //! | `builder.rs` | building repositories from rows |
 
-// The safety contract of every function is that of a C library; the header's first section states it once.
+// The safety contract of every function is that of a C library; the header's first section states
+// it once.
 #![allow(clippy::missing_safety_doc)]
 #![allow(non_camel_case_types)]
 
