@@ -8,6 +8,10 @@ use crate::lattice::Diamond;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
+/// How far beside the raster, in samples, a place may lie and count as on its edge: coordinates come with
+/// rounding errors.
+const EDGE_TOLERANCE: f64 = 1e-6;
+
 /// A height of the finest surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Height {
@@ -72,9 +76,12 @@ impl Query {
     pub fn height_at_grid(&mut self, column: f64, row: f64) -> Result<Option<Height>> {
         let lattice = self.terrain.lattice();
         let last = [lattice.width() - 1, lattice.height() - 1].map(f64::from);
-        if !(0.0..=last[0]).contains(&column) || !(0.0..=last[1]).contains(&row) {
+        let beside =
+            |place: f64, last: f64| !(-EDGE_TOLERANCE..=last + EDGE_TOLERANCE).contains(&place);
+        if beside(column, last[0]) || beside(row, last[1]) {
             return Ok(None);
         }
+        let (column, row) = (column.clamp(0.0, last[0]), row.clamp(0.0, last[1]));
         // The cell, its last column and row being closed.
         let cell = [
             column.min(last[0] - 1.0).floor(),

@@ -2,11 +2,15 @@
 
 use super::cracks::count_cracks;
 use super::{Progress, flight, quantile};
-use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, VertexForm};
+use crate::cut::{Cut, CutOptions, DiamondSource, Query, Stats, Terrain, VertexForm};
 use crate::schedule::Budget;
 use crate::{Error, Result};
+use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::Instant;
+
+/// Decoded data that the look-up of voids may hold.
+const QUERY_BYTES: u64 = 64 << 20;
 
 /// How to fly.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,8 +71,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         microseconds: flight.budget_microseconds.unwrap_or(u64::MAX),
         ..Budget::UNLIMITED
     };
-    // Beside a void a triangle may be missing.
-    let has_voids = terrain.header().void_samples > 0;
+    let voids = Voids::new(terrain);
     let mut log = Log::default();
     for (frame, view) in views.iter().enumerate() {
         if !progress(frame as u64, views.len() as u64) {
@@ -79,15 +82,9 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         let microseconds = start.elapsed().as_secs_f64() * 1e6;
         // As a program that draws would, so that the lists of changes do not pile up.
         cut.take_changes();
-        log.add(
-            &stats,
-            microseconds,
-            count_cracks(
-                cut.all_patches().map(Arc::as_ref),
-                terrain.lattice(),
-                |_, _| has_voids,
-            ),
-        );
+        let patches = cut.all_patches().map(Arc::as_ref);
+        let cracks = count_cracks(patches, terrain.lattice(), |a, b| voids.may_border(a, b));
+        log.add(&stats, microseconds, cracks);
     }
     Ok(log.report())
 }
@@ -109,6 +106,43 @@ fn check(flight: &Flight) -> Result<()> {
         return Ok(());
     };
     Err(Error::Argument(problem))
+}
+
+/// Where triangles may be missing.
+struct Voids {
+    /// `None` where the terrain has none.
+    query: Option<RefCell<Query>>,
+}
+
+impl Voids {
+    fn new(terrain: &Arc<Terrain>) -> Voids {
+        let has_voids = terrain.header().void_samples > 0;
+        Voids {
+            query: has_voids.then(|| RefCell::new(Query::new(terrain.clone(), QUERY_BYTES))),
+        }
+    }
+
+    /// Whether one side of the segment between two vertices may be open: a triangle of samples is missing
+    /// where any of its vertices is void, a coarser one only where all are.
+    fn may_border(&self, a: [i64; 2], b: [i64; 2]) -> bool {
+        let low = [0, 1].map(|axis| a[axis].min(b[axis]));
+        let high = [0, 1].map(|axis| a[axis].max(b[axis]));
+        if high[0] - low[0] > 1 || high[1] - low[1] > 1 {
+            return self.is_void(a) && self.is_void(b);
+        }
+        let rows = low[1] - 1..=high[1] + 1;
+        rows.flat_map(|row| (low[0] - 1..=high[0] + 1).map(move |column| [column, row]))
+            .any(|place| self.is_void(place))
+    }
+
+    /// Whether a sample is void or outside. One that cannot be read is not, so that it shows as a crack.
+    fn is_void(&self, [column, row]: [i64; 2]) -> bool {
+        let Some(query) = &self.query else {
+            return false;
+        };
+        let height = query.borrow_mut().height_at_grid(column as f64, row as f64);
+        matches!(height, Ok(None))
+    }
 }
 
 /// What the frames so far came to.

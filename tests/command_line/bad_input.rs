@@ -119,7 +119,7 @@ fn a_repository_of_another_raster() {
     let repository = folder.small_repository("a.kmb");
     let other = sample("rocky_mountain_np_dem.tif");
     let run = kmb!["verify", &repository, "--against", &other];
-    run.refuses("a.kmb", &["344 x 403", "187 x 152"]);
+    run.refuses("a.kmb", &["403 x 344", "152 x 187"]);
     let mut samples: Vec<f32> = (0..64).map(|index| index as f32).collect();
     let input = folder.write_f32("a.bin", &samples);
     let output = folder.path("b.kmb");
