@@ -6,7 +6,8 @@
  *
  * - The interface is young: KMB_ABI_VERSION is 0, and may change without a new name of the library
  *   until it is 1.
- * - The library draws nothing, opens no window, and prints nothing: see kmb_set_log_callback.
+ * - The library draws nothing, opens no window, and prints nothing, but for a line on stderr with a
+ *   KMB_PANIC: see kmb_set_log_callback.
  * - A pointer that is NULL or misaligned where it must not be, and a struct of the wrong size, are
  *   found and refused. A pointer to memory that was freed, that is shorter than the documentation
  *   says, or that holds another kind of handle is not found: the behaviour is then undefined, as
