@@ -39,7 +39,7 @@ check: build
 
 sweep: build
 	@test -n "$(DATA)" || { echo "give a folder of rasters: make sweep DATA=folder"; exit 2; }
-	KIMBERLITE_DATA="$(abspath $(DATA))" cargo test --locked --release --test elevation -- --nocapture
+	KIMBERLITE_DATA="$(abspath $(DATA))" cargo test --locked --release --test terrain elevation -- --nocapture
 
 clean:
 	rm -rf target
