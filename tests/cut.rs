@@ -603,6 +603,55 @@ fn a_frozen_cut_stays_and_still_obeys_smaller_budgets() {
 }
 
 #[test]
+fn an_eye_that_trembles_at_a_threshold_changes_the_cut_once() {
+    let source = mountains();
+    for patches in [Budget::NO_LIMIT, 40] {
+        let budget = Budget {
+            patches,
+            ..Budget::UNLIMITED
+        };
+        let stand = |tolerance: f64, shake: f64| Stand {
+            at: [0.5, 0.5],
+            above: 9000.0 * (1.0 + shake),
+            target: [0.5, 0.5],
+            tolerance,
+        };
+        // The root's own error in pixels, and one of a diamond far below it.
+        let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+        let frozen = Budget {
+            refinements: 0,
+            ..Budget::UNLIMITED
+        };
+        let root = cut
+            .update(&view(&source, stand(1.0, 0.0)), &frozen)
+            .unwrap();
+        let some = Budget {
+            refinements: 20,
+            ..Budget::UNLIMITED
+        };
+        let fine = cut
+            .update(&view(&source, stand(0.001, 0.0)), &some)
+            .unwrap();
+        assert!(fine.largest_error < root.largest_error);
+        for threshold in [root.largest_error, fine.largest_error] {
+            let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+            let mut changed = 0;
+            for frame in 0..40 {
+                let shake = if frame % 2 == 0 { 0.001 } else { -0.001 };
+                let view = view(&source, stand(threshold, shake));
+                let stats = cut.update(&view, &budget).unwrap();
+                changed = if stats.refined + stats.coarsened > 0 {
+                    frame
+                } else {
+                    changed
+                };
+            }
+            assert!(changed <= 2, "frame {changed}");
+        }
+    }
+}
+
+#[test]
 fn what_is_out_of_sight_or_needlessly_fine_is_given_back() {
     let source = mountains();
     let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
