@@ -9,7 +9,7 @@ SHELL := /bin/bash
 BUILD := target/cmake
 DEMO := target/demo
 KMB := target/release/kmb
-PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind imagemagick
+PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 .PHONY: demo check deps build library examples header sweep clean
