@@ -1,16 +1,13 @@
 //! A flight without a picture: what every frame costs, and whether its surface has cracks.
 
+use super::bands::Bands;
 use super::cracks::count_cracks;
 use super::{Progress, flight, quantile};
-use crate::cut::{Cut, CutOptions, DiamondSource, Query, Stats, Terrain, VertexForm};
+use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, VertexForm, Window};
 use crate::schedule::Budget;
 use crate::{Error, Result};
-use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Decoded data that the look-up of voids may hold.
-const QUERY_BYTES: u64 = 64 << 20;
 
 /// How to fly.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,7 +68,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         microseconds: flight.budget_microseconds.unwrap_or(u64::MAX),
         ..Budget::UNLIMITED
     };
-    let voids = Voids::new(terrain);
+    let voids = Voids::new(terrain)?;
     let mut log = Log::default();
     for (frame, view) in views.iter().enumerate() {
         if !progress(frame as u64, views.len() as u64) {
@@ -110,21 +107,48 @@ fn check(flight: &Flight) -> Result<()> {
 
 /// Where triangles may be missing.
 struct Voids {
-    /// `None` where the terrain has none.
-    query: Option<RefCell<Query>>,
+    width: i64,
+    height: i64,
+    /// One bit a sample, row by row; empty where the terrain has no void.
+    bits: Vec<u64>,
 }
 
 impl Voids {
-    fn new(terrain: &Arc<Terrain>) -> Voids {
-        let has_voids = terrain.header().void_samples > 0;
-        Voids {
-            query: has_voids.then(|| RefCell::new(Query::new(terrain.clone(), QUERY_BYTES))),
+    fn new(terrain: &Terrain) -> Result<Voids> {
+        let info = terrain.raster_info();
+        let (width, height) = (i64::from(info.width), i64::from(info.height));
+        let mut voids = Voids {
+            width,
+            height,
+            bits: Vec::new(),
+        };
+        if terrain.header().void_samples == 0 {
+            return Ok(voids);
         }
+        voids.bits = vec![0; (width * height) as usize / 64 + 1];
+        let window = Window {
+            column: 0,
+            row: 0,
+            width: info.width,
+            height: info.height,
+        };
+        let mut bands = Bands::new(terrain, terrain.lattice().levels(), window);
+        for row in 0..info.height {
+            let first = i64::from(row) * width;
+            for (column, sample) in bands.row(row)?.iter().enumerate() {
+                let place = first as usize + column;
+                voids.bits[place / 64] |= u64::from(sample.is_nan()) << (place % 64);
+            }
+        }
+        Ok(voids)
     }
 
     /// Whether one side of the segment between two vertices may be open: a triangle of samples is missing
     /// where any of its vertices is void, a coarser one only where all are.
     fn may_border(&self, a: [i64; 2], b: [i64; 2]) -> bool {
+        if self.bits.is_empty() {
+            return false;
+        }
         let low = [0, 1].map(|axis| a[axis].min(b[axis]));
         let high = [0, 1].map(|axis| a[axis].max(b[axis]));
         if high[0] - low[0] > 1 || high[1] - low[1] > 1 {
@@ -135,13 +159,13 @@ impl Voids {
             .any(|place| self.is_void(place))
     }
 
-    /// Whether a sample is void or outside. One that cannot be read is not, so that it shows as a crack.
+    /// Whether a sample is void or outside.
     fn is_void(&self, [column, row]: [i64; 2]) -> bool {
-        let Some(query) = &self.query else {
-            return false;
-        };
-        let height = query.borrow_mut().height_at_grid(column as f64, row as f64);
-        matches!(height, Ok(None))
+        if !(0..self.width).contains(&column) || !(0..self.height).contains(&row) {
+            return true;
+        }
+        let place = (row * self.width + column) as usize;
+        self.bits[place / 64] >> (place % 64) & 1 != 0
     }
 }
 
