@@ -9,7 +9,7 @@ SHELL := /bin/bash
 BUILD := target/cmake
 DEMO := target/demo
 KMB := target/release/kmb
-PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind imagemagick
+PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 .PHONY: demo check deps build library examples header sweep clean
@@ -39,7 +39,7 @@ check: build
 
 sweep: build
 	@test -n "$(DATA)" || { echo "give a folder of rasters: make sweep DATA=folder"; exit 2; }
-	KIMBERLITE_DATA="$(abspath $(DATA))" cargo test --locked --release --test elevation -- --nocapture
+	KIMBERLITE_DATA="$(abspath $(DATA))" cargo test --locked --release --test terrain elevation -- --nocapture
 
 clean:
 	rm -rf target

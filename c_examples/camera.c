@@ -60,7 +60,7 @@ static double clear_height(const struct terrain *terrain, double s)
         }
         sum += top;
     }
-    return sum / 17 + 0.03 * shorter_side(terrain);
+    return sum / 17 + 0.02 * shorter_side(terrain);
 }
 
 struct camera flight_camera(const struct terrain *terrain, int frame, int count)
@@ -78,7 +78,7 @@ struct camera flight_camera(const struct terrain *terrain, int frame, int count)
                          terrain->high[2] + 0.75 * side};
     double low_eye[3] = {here[0], here[1], clear_height(terrain, s)};
     double centre[3] = {far_eye[0], mix(terrain->low[1], terrain->high[1], 0.42), terrain->low[2]};
-    double forward[3] = {ahead[0], ahead[1], clear_height(terrain, s + 0.12) - 0.05 * side};
+    double forward[3] = {ahead[0], ahead[1], clear_height(terrain, s + 0.12) - 0.025 * side};
 
     struct camera camera;
     for (int axis = 0; axis < 3; axis++) {

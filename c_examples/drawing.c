@@ -34,13 +34,15 @@ static const char *const FRAGMENT_SHADER =
     "in vec3 world_normal;\n"
     "in float relative_height;\n"
     "uniform int level;\n"
+    "uniform float sea_level;\n"
     "out vec4 colour;\n"
     "const vec3 ramp[6] = vec3[6](vec3(0.24, 0.42, 0.26), vec3(0.47, 0.58, 0.31), vec3(0.76, 0.72, 0.47),\n"
     "                             vec3(0.66, 0.51, 0.36), vec3(0.55, 0.50, 0.48), vec3(0.97, 0.97, 0.98));\n"
     "void main() {\n"
-    "    float place = clamp(relative_height, 0.0, 1.0) * 5.0;\n"
+    "    float place = pow(clamp(relative_height, 0.0, 1.0), 0.7) * 5.0;\n"
     "    int step_below = min(int(place), 4);\n"
     "    vec3 base = mix(ramp[step_below], ramp[step_below + 1], place - float(step_below));\n"
+    "    if (relative_height < sea_level) base = vec3(0.25, 0.42, 0.58);\n"
     "    if (level >= 0) base = 0.55 + 0.4 * cos(vec3(0.0, 2.1, 4.2) + 2.4 * float(level));\n"
     "    vec3 sun = normalize(vec3(-0.55, 0.45, 0.7));\n"
     "    float light = 0.32 + 0.78 * max(dot(normalize(world_normal), sun), 0.0);\n"
@@ -107,6 +109,8 @@ int drawing_create(struct drawing *drawing, const kmb_cut *cut, double low, doub
     glUseProgram(drawing->program);
     glUniform2f(glGetUniformLocation(drawing->program, "height_to_colour"),
                 (float)((drawing->map.origin[2] - low) / range), (float)(drawing->map.step[2] / range));
+    /* Where the lowest height is 0, what lies on it is taken for the sea. */
+    glUniform1f(glGetUniformLocation(drawing->program, "sea_level"), low == 0 ? 4e-4f : -1.0f);
     return 0;
 }
 

@@ -1,43 +1,51 @@
-/* Kimberlite: very large terrains in one compressed file, and for every frame of a viewer the triangles that its view
- * needs, without cracks and within a budget. Made from src/ffi/ by tests/header.rs; do not edit.
+/* Kimberlite: very large terrains in one compressed file, and for every frame of a viewer the
+ * triangles that its view needs, without cracks and within a budget. Made from src/ffi/ by
+ * tests/header.rs; do not edit.
  *
  * CAVEATS
  *
- * - The interface is young: KMB_ABI_VERSION is 0, and may change without a new name of the library until
- *   it is 1.
- * - The library draws nothing, opens no window, and prints nothing: see kmb_set_log_callback.
- * - A pointer that is NULL or misaligned where it must not be, and a struct of the wrong size, are found and refused. A pointer to
- *   memory that was freed, that is shorter than the documentation says, or that holds another kind of
- *   handle is not found: the behaviour is then undefined, as anywhere in C.
+ * - The interface is young: KMB_ABI_VERSION is 0, and may change without a new name of the library
+ *   until it is 1.
+ * - The library draws nothing, opens no window, and prints nothing, but for a line on stderr with a
+ *   KMB_PANIC: see kmb_set_log_callback.
+ * - A pointer that is NULL or misaligned where it must not be, and a struct of the wrong size, are
+ *   found and refused. A pointer to memory that was freed, that is shorter than the documentation
+ *   says, or that holds another kind of handle is not found: the behaviour is then undefined, as
+ *   anywhere in C.
  * - Callbacks must return. An exception or longjmp out of one ends the process.
- * - Files from anywhere may be opened: bytes that are not a repository's give KMB_DAMAGED, or heights that are
- *   wrong, but no undefined behaviour. With KMB_ACCESS_MAP this holds only while nobody truncates the file or writes to it.
- * - Voids beyond the finest level: at coarse levels triangles may cover a void; they are refined before
- *   anything else.
+ * - Files from anywhere may be opened: bytes that are not a repository's give KMB_DAMAGED, or
+ *   heights that are wrong, but no undefined behaviour. With KMB_ACCESS_MAP this holds only while
+ *   nobody truncates the file or writes to it.
+ * - Voids beyond the finest level: at coarse levels triangles may cover a void; they are refined
+ *   before anything else.
  *
  * CONVENTIONS
  *
- * - A function that can fail returns a kmb_status. Its results come last, through pointers, and are written only
- *   with KMB_OK unless it says otherwise. kmb_last_error() then tells this thread the place and the cause.
- * - Every struct that crosses the boundary begins with struct_size, which the caller sets to its sizeof.
- * - An object is what a create or open gives and a destroy or close frees. Functions that take a pointer to a const
- *   object may run on it at the same time in several threads; those that take a pointer to an object that is not const need
- *   it for themselves. Different objects never disturb each other.
- * - KMB_PANIC is an error of the library, caught at its boundary; the object answers nothing but KMB_PANIC
- *   afterwards, and can only be destroyed.
- * - Lengths and counts of things in memory are size_t, all else has a fixed size. Flags are uint32_t, 0 or 1.
+ * - A function that can fail returns a kmb_status. Its results come last, through pointers, and are
+ *   written only with KMB_OK unless it says otherwise. kmb_last_error() then tells this thread the
+ *   place and the cause.
+ * - Every struct that crosses the boundary begins with struct_size, which the caller sets to its
+ *   sizeof.
+ * - An object is what a create or open gives and a destroy or close frees. Functions that take a
+ *   pointer to a const object may run on it at the same time in several threads; those that take a
+ *   pointer to an object that is not const need it for themselves. Different objects never disturb
+ *   each other.
+ * - KMB_PANIC is an error of the library, caught at its boundary; the object answers nothing but
+ *   KMB_PANIC afterwards, and can only be destroyed.
+ * - Lengths and counts of things in memory are size_t, all else has a fixed size. Flags are
+ *   uint32_t, 0 or 1.
  * - Strings are UTF-8 and end with a 0. Angles are degrees.
  *
  * WORDS
  *
- * - Grid: column and row of the raster, from 0 at its first sample, row 0 on top; heights in height units,
- *   integers whose meaning kmb_cut_grid_to_world gives.
- * - World: right-handed, x east, y north, z up. The coordinates of the reference system where that is projected and
- *   not rotated; metres from the raster's centre where it is longitude and latitude. z is the physical height,
- *   value_scale * sample + value_offset.
- * - Diamond: two right triangles that share their longest edge; the unit of refinement. Patch: one of them, as
- *   vertices. Level: 0 for the coarsest diamond, one more for each bisection. Cut: the patches that cover the
- *   terrain at this moment. Void: a sample without data.
+ * - Grid: column and row of the raster, from 0 at its first sample, row 0 on top; heights in height
+ *   units, integers whose meaning kmb_cut_grid_to_world gives.
+ * - World: right-handed, x east, y north, z up. The coordinates of the reference system where that
+ *   is projected and not rotated; metres from the raster's centre where it is longitude and
+ *   latitude. z is the physical height, value_scale * sample + value_offset.
+ * - Diamond: two right triangles that share their longest edge; the unit of refinement. Patch: one
+ *   of them, as vertices. Level: 0 for the coarsest diamond, one more for each bisection. Cut: the
+ *   patches that cover the terrain at this moment. Void: a sample without data.
  */
 #ifndef KIMBERLITE_H
 #define KIMBERLITE_H
@@ -53,16 +61,17 @@ extern "C" {
  * Version, errors, messages
  * ================================================================================================ */
 
-// Number of this interface: it grows when a program that was compiled against an older header would
-// no longer work.
+// Number of this interface: it grows when a program that was compiled against an older header
+// would no longer work.
 #define KMB_ABI_VERSION 0
 
-// What a function answers. Except where a function says otherwise, results are written only with KMB_OK.
+// What a function answers. Except where a function says otherwise, results are written only with
+// KMB_OK.
 typedef enum kmb_status {
     // Done.
     KMB_OK = 0,
-    // A pointer is NULL or misaligned, a string is not UTF-8, or a value is outside what the function
-    // accepts.
+    // A pointer is NULL or misaligned, a string is not UTF-8, or a value is outside what the
+    // function accepts.
     KMB_INVALID_ARGUMENT = 1,
     // The struct_size of a struct is not that of this library's struct.
     KMB_INVALID_STRUCT_SIZE = 2,
@@ -94,9 +103,9 @@ typedef enum kmb_log_level {
     KMB_LOG_WARNING = 1,
 } kmb_log_level;
 
-// Gets one message, a line without its end. `level` is a kmb_log_level. It may come from any thread, and from
-// several at once; `message` lives until the callback returns. The callback must not call
-// kmb_set_log_callback.
+// Gets one message, a line without its end. `level` is a kmb_log_level. It may come from any
+// thread, and from several at once; `message` lives until the callback returns. The callback must
+// not call kmb_set_log_callback.
 typedef void (*kmb_log_callback)(void *user, uint32_t level, const char *message);
 
 // The version of the library as text, "major.minor.patch". The string is static.
@@ -109,27 +118,26 @@ const char *kmb_version(void);
 // May be called from any thread at any time.
 uint32_t kmb_abi_version(void);
 
-// The name of a status, such as "KMB_DAMAGED", or "unknown status" for any other number. The string is
-// static.
+// The name of a status, such as "KMB_DAMAGED", or "unknown status" for any other number. The
+// string is static.
 //
 // May be called from any thread at any time.
 const char *kmb_status_name(int32_t status);
 
-// The message of the latest call on this thread that did not answer KMB_OK: one line of UTF-8 with the place (file,
-// row and column, or argument) and the cause; empty if there was none. The string belongs to the
-// library and lives until the next such call on this thread, or the thread's end.
+// The message of the latest call on this thread that did not answer KMB_OK: one line of UTF-8 with
+// the place (file, row and column, or argument) and the cause; empty if there was none. The string
+// belongs to the library and lives until the next such call on this thread, or the thread's end.
 //
 // May be called from any thread at any time.
 const char *kmb_last_error(void);
 
-// Sends all messages of the library to `callback` with `user`; NULL stops them. The library itself prints
-// nothing. When this returns, the former callback runs nowhere and is called no more.
+// Sends all messages of the library to `callback` with `user`; NULL stops them. The library itself
+// prints nothing. When this returns, the former callback runs nowhere and is called no more.
 //
 // May be called from any thread, but not from within the callback.
 //
 // Returns KMB_OK, KMB_PANIC.
-enum kmb_status kmb_set_log_callback(kmb_log_callback callback,
-                                     void *user);
+enum kmb_status kmb_set_log_callback(kmb_log_callback callback, void *user);
 
 /* ================================================================================================
  * Repositories: opening, what is known of them, coordinates
@@ -147,8 +155,8 @@ typedef enum kmb_kind {
 
 // How a repository's bytes are read. Both ways give the same answers.
 typedef enum kmb_access {
-    // By a memory map. The file must not be truncated or written to while it is open, or the system may
-    // end the process; replacing it by a rename is safe.
+    // By a memory map. The file must not be truncated or written to while it is open, or the
+    // system may end the process; replacing it by a rename is safe.
     KMB_ACCESS_MAP = 0,
     // By positioned reads; a file that is truncated meanwhile gives an error.
     KMB_ACCESS_POSITIONED = 1,
@@ -182,8 +190,8 @@ typedef enum kmb_registration {
     KMB_REGISTRATION_POINT = 1,
 } kmb_registration;
 
-// An open repository of heights. Cuts and queries made from it share what they need of it, so that it may be
-// closed before them.
+// An open repository of heights. Cuts and queries made from it share what they need of it, so that
+// it may be closed before them.
 typedef struct kmb_repository kmb_repository;
 
 // How to open a repository.
@@ -194,7 +202,8 @@ typedef struct kmb_open_options {
     uint32_t access;
 } kmb_open_options;
 
-// What is known of a repository. Errors and ranges are in the raster's own units, those of its samples.
+// What is known of a repository. Errors and ranges are in the raster's own units, those of its
+// samples.
 typedef struct kmb_repository_info {
     // sizeof(kmb_repository_info).
     uint32_t struct_size;
@@ -244,14 +253,16 @@ typedef struct kmb_repository_info {
     uint32_t geographic;
     // A kmb_registration.
     uint32_t registration;
-    // X = g[0] + column g[1] + row g[2], Y = g[3] + column g[4] + row g[5], in the reference system;
-    // for the sample itself, or for its outer corner, as registration says.
+    // X = g[0] + column g[1] + row g[2], Y = g[3] + column g[4] + row g[5], in the reference
+    // system; for the sample itself, or for its outer corner, as registration says.
     double geotransform[6];
     // World x and y of the sample in column 0 of row 0.
     double world_origin[2];
-    // World units of one column, along x, and of one row, along y (negative where row 0 is the north).
+    // World units of one column, along x, and of one row, along y (negative where row 0 is the
+    // north).
     double world_step[2];
-    // The coordinate reference system: WKT, "EPSG:n", or empty. Lives until the repository is closed.
+    // The coordinate reference system: WKT, "EPSG:n", or empty. Lives until the repository is
+    // closed.
     const char *crs;
     // The unit of physical heights, or empty. Lives until the repository is closed.
     const char *units;
@@ -259,11 +270,11 @@ typedef struct kmb_repository_info {
     uint64_t metadata_count;
 } kmb_repository_info;
 
-// Opens the repository of heights at `path` (bytes as the system has them; UTF-8 on Windows) and gives a
-// handle, which kmb_repository_close frees. `options` may be NULL: a memory map.
+// Opens the repository of heights at `path` (bytes as the system has them; UTF-8 on Windows) and
+// gives a handle, which kmb_repository_close frees. `options` may be NULL: a memory map.
 //
-// Reads the header, the tables and the roots; blocks are read, and their checksums checked, when they
-// are used. May be called from any thread at any time.
+// Reads the header, the tables and the roots; blocks are read, and their checksums checked, when
+// they are used. May be called from any thread at any time.
 //
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_IO, KMB_DAMAGED (the file is
 // no repository, or its bytes are not as they were written), KMB_UNSUPPORTED_VERSION, KMB_PANIC.
@@ -275,8 +286,8 @@ kmb_status kmb_repository_open(const char *path,
 // afterwards; cuts and queries made from it stay usable.
 void kmb_repository_close(struct kmb_repository *repository);
 
-// Says what is known of a repository. The caller sets info->struct_size; its strings belong to the repository and live
-// until it is closed.
+// Says what is known of a repository. The caller sets info->struct_size; its strings belong to the
+// repository and live until it is closed.
 //
 // May be called with the same repository from several threads at once.
 //
@@ -284,20 +295,22 @@ void kmb_repository_close(struct kmb_repository *repository);
 kmb_status kmb_repository_describe(const struct kmb_repository *repository,
                                    struct kmb_repository_info *info);
 
-// Gives metadata entry `index`, counted from 0 in the order of the keys: its key, a string, and its value, `length` bytes
-// of any kind. Both belong to the repository and live until it is closed.
+// Gives metadata entry `index`, counted from 0 in the order of the keys: its key, a string, and
+// its value, `length` bytes of any kind. Both belong to the repository and live until it is
+// closed.
 //
 // May be called with the same repository from several threads at once.
 //
-// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_NOT_FOUND (`index` is not below metadata_count), KMB_PANIC.
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_NOT_FOUND (`index` is not below metadata_count),
+// KMB_PANIC.
 kmb_status kmb_repository_metadata_at(const struct kmb_repository *repository,
                                       uint64_t index,
                                       const char **key,
                                       const uint8_t **value,
                                       size_t *length);
 
-// Gives the value of a metadata key: `length` bytes of any kind, which belong to the repository and live until it
-// is closed.
+// Gives the value of a metadata key: `length` bytes of any kind, which belong to the repository
+// and live until it is closed.
 //
 // May be called with the same repository from several threads at once.
 //
@@ -307,7 +320,8 @@ kmb_status kmb_repository_metadata(const struct kmb_repository *repository,
                                    const uint8_t **value,
                                    size_t *length);
 
-// Turns world x and y into coordinates of the raster's reference system (degrees where it is geographic).
+// Turns world x and y into coordinates of the raster's reference system (degrees where it is
+// geographic).
 //
 // May be called with the same repository from several threads at once.
 //
@@ -318,7 +332,8 @@ kmb_status kmb_world_to_crs(const struct kmb_repository *repository,
                             double *crs_x,
                             double *crs_y);
 
-// Turns coordinates of the raster's reference system (degrees where it is geographic) into world x and y.
+// Turns coordinates of the raster's reference system (degrees where it is geographic) into world x
+// and y.
 //
 // May be called with the same repository from several threads at once.
 //
@@ -351,9 +366,9 @@ typedef struct kmb_height {
     double error_bound;
 } kmb_height;
 
-// Makes a query of a repository and gives a handle, which kmb_query_destroy frees. It keeps at most about `byte_limit` bytes
-// of decoded data (KMB_UNLIMITED: all that it meets). The repository may be closed before the query is
-// destroyed. Make one query for each thread.
+// Makes a query of a repository and gives a handle, which kmb_query_destroy frees. It keeps at
+// most about `byte_limit` bytes of decoded data (KMB_UNLIMITED: all that it meets). The repository
+// may be closed before the query is destroyed. Make one query for each thread.
 //
 // May be called with the same repository from several threads at once.
 //
@@ -362,21 +377,20 @@ kmb_status kmb_query_create(const kmb_repository *repository,
                             uint64_t byte_limit,
                             struct kmb_query **query);
 
-// Frees a query. NULL is allowed. No other call may use the handle at the same time, or afterwards.
+// Frees a query. NULL is allowed. No other call may use the handle at the same time, or
+// afterwards.
 void kmb_query_destroy(struct kmb_query *query);
 
 // Gives the height of the finest surface at world x and y. The caller sets height->struct_size.
 //
 // Exclusive: no other call may use the query at the same time.
 //
-// Returns KMB_OK; KMB_OUTSIDE (outside the raster, or in a void); KMB_INVALID_ARGUMENT (also for a coordinate that is
-// not finite); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED; KMB_PANIC.
-kmb_status kmb_height_at(struct kmb_query *query,
-                         double x,
-                         double y,
-                         struct kmb_height *height);
+// Returns KMB_OK; KMB_OUTSIDE (outside the raster, or in a void); KMB_INVALID_ARGUMENT (also for a
+// coordinate that is not finite); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED; KMB_PANIC.
+kmb_status kmb_height_at(struct kmb_query *query, double x, double y, struct kmb_height *height);
 
-// As kmb_height_at, with coordinates of the raster's reference system (degrees where it is geographic).
+// As kmb_height_at, with coordinates of the raster's reference system (degrees where it is
+// geographic).
 //
 // Exclusive: no other call may use the query at the same time.
 //
@@ -386,15 +400,16 @@ kmb_status kmb_height_at_crs(struct kmb_query *query,
                              double y,
                              struct kmb_height *height);
 
-// Reads a rectangle of samples of one even level into an array that the caller owns: `height` rows of `width` samples from the top, sample
-// values and not physical heights, NaN where there is a void. `capacity` is the count of doubles at `samples`, at
-// least width * height. A level 2k has every 2^(K - k)-th column and row of the raster, where 2K is the
-// finest level; `column` and `row` count those.
+// Reads a rectangle of samples of one even level into an array that the caller owns: `height` rows
+// of `width` samples from the top, sample values and not physical heights, NaN where there is a
+// void. `capacity` is the count of doubles at `samples`, at least width * height. A level 2k has
+// every 2^(K - k)-th column and row of the raster, where 2K is the finest level; `column` and
+// `row` count those.
 //
 // May be called with the same repository from several threads at once.
 //
-// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for an odd or too fine level, a rectangle that is empty or not within
-// the level, or too small a capacity); KMB_IO; KMB_DAMAGED; KMB_PANIC.
+// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for an odd or too fine level, a rectangle that is
+// empty or not within the level, or too small a capacity); KMB_IO; KMB_DAMAGED; KMB_PANIC.
 kmb_status kmb_read_window(const kmb_repository *repository,
                            uint32_t level,
                            uint32_t column,
@@ -419,7 +434,8 @@ typedef struct kmb_patch_info {
     uint32_t level;
     // Number of this patch within its cut; never used again for another.
     uint64_t handle;
-    // Centre of its diamond on the lattice (along columns, along rows, 0): its identifier in every cut.
+    // Centre of its diamond on the lattice (along columns, along rows, 0): its identifier in every
+    // cut.
     int32_t diamond[3];
     // Which half of the diamond it is: 0 or 1.
     uint32_t half;
@@ -447,16 +463,16 @@ typedef struct kmb_patch_info {
     size_t index_count;
 } kmb_patch_info;
 
-// Says what a patch consists of. The caller sets info->struct_size; the arrays belong to the patch and live as long.
+// Says what a patch consists of. The caller sets info->struct_size; the arrays belong to the patch
+// and live as long.
 //
 // May be called from any thread while the patch lives.
 //
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
-kmb_status kmb_patch_describe(const struct kmb_patch *patch,
-                              struct kmb_patch_info *info);
+kmb_status kmb_patch_describe(const struct kmb_patch *patch, struct kmb_patch_info *info);
 
-// Keeps a patch alive until a kmb_patch_release, beyond its cut's next update and its cut's end. It must be alive when this
-// is called.
+// Keeps a patch alive until a kmb_patch_release, beyond its cut's next update and its cut's end.
+// It must be alive when this is called.
 //
 // May be called from any thread.
 //
@@ -474,11 +490,11 @@ void kmb_patch_release(const struct kmb_patch *patch);
 
 // What a vertex of a patch holds. All are floats without padding between them.
 typedef enum kmb_vertex_form {
-    // 3 floats: height relative to the patch's origin, in height units; then dz/dx and dz/dy of the surface
-    // in world units. The place within the patch comes from kmb_cut_grid.
+    // 3 floats: height relative to the patch's origin, in height units; then dz/dx and dz/dy of
+    // the surface in world units. The place within the patch comes from kmb_cut_grid.
     KMB_VERTEX_COMPACT = 0,
-    // 6 floats: column, row and height relative to the patch's origin, in columns, rows and height units; then the unit
-    // normal in the world.
+    // 6 floats: column, row and height relative to the patch's origin, in columns, rows and height
+    // units; then the unit normal in the world.
     KMB_VERTEX_EXPANDED = 1,
 } kmb_vertex_form;
 
@@ -557,8 +573,8 @@ typedef struct kmb_stats {
     double microseconds;
 } kmb_stats;
 
-// From grid coordinates (column, row, height unit) to the world, axis by axis:
-// world[i] = origin[i] + step[i] * grid[i].
+// From grid coordinates (column, row, height unit) to the world, axis by axis: world[i] =
+// origin[i] + step[i] * grid[i].
 typedef struct kmb_grid_to_world {
     // sizeof(kmb_grid_to_world).
     uint32_t struct_size;
@@ -570,9 +586,9 @@ typedef struct kmb_grid_to_world {
     double step[3];
 } kmb_grid_to_world;
 
-// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches to draw until its
-// first update. `options` may be NULL: KMB_VERTEX_EXPANDED. The repository may be closed before the cut is
-// destroyed.
+// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches
+// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED. The repository may
+// be closed before the cut is destroyed.
 //
 // May be called with the same repository from several threads at once.
 //
@@ -581,31 +597,34 @@ kmb_status kmb_cut_create(const kmb_repository *repository,
                           const struct kmb_cut_options *options,
                           struct kmb_cut **cut);
 
-// Frees a cut, and its patches but for those that kmb_patch_retain holds. NULL is allowed. No other call may use
-// the handle at the same time, or afterwards.
+// Frees a cut, and its patches but for those that kmb_patch_retain holds. NULL is allowed. No
+// other call may use the handle at the same time, or afterwards.
 void kmb_cut_destroy(struct kmb_cut *cut);
 
-// Moves the cut towards a view: refines where the error on the screen is above the view's tolerance, and coarsens
-// where it need not be so fine, within the budget. `budget` may be NULL: no limits. `stats` may be NULL;
-// otherwise the caller sets stats->struct_size.
+// Moves the cut towards a view: refines where the error on the screen is above the view's
+// tolerance, and coarsens where it need not be so fine, within the budget. `budget` may be NULL:
+// no limits. `stats` may be NULL; otherwise the caller sets stats->struct_size.
 //
-// The cut is whole and without cracks whatever ends the update. With a still view and the same budget it settles, and
-// then changes nothing. Ends the life of what kmb_cut_patches and kmb_cut_changes gave before.
+// The cut is whole and without cracks whatever ends the update. With a still view and the same
+// budget it settles, and then changes nothing. Ends the life of what kmb_cut_patches and
+// kmb_cut_changes gave before.
 //
-// Exclusive: no other call may use the cut at the same time. Patches that are retained may be used.
+// Exclusive: no other call may use the cut at the same time. Patches that are retained may be
+// used.
 //
-// Returns KMB_OK; KMB_BUDGET_TOO_SMALL (the budget is below the coarsest patches: they are shown all the same, and
-// `stats` is written); KMB_INVALID_ARGUMENT (also for a view with a number that is not finite, with an empty
-// viewport, or with a tolerance that is not above 0: the cut stays as it was); KMB_INVALID_STRUCT_SIZE;
-// KMB_PANIC. A block that cannot be read or is damaged is no failure: the surface stays coarser there, and the log
-// callback is told once.
+// Returns KMB_OK; KMB_BUDGET_TOO_SMALL (the budget is below the coarsest patches: they are shown
+// all the same, and `stats` is written); KMB_INVALID_ARGUMENT (also for a view with a number that
+// is not finite, with an empty viewport, or with a tolerance that is not above 0: the cut stays as
+// it was); KMB_INVALID_STRUCT_SIZE; KMB_PANIC. A block that cannot be read or is damaged is no
+// failure: the surface stays coarser there, and the log callback is told once.
 kmb_status kmb_cut_update(struct kmb_cut *cut,
                           const struct kmb_view *view,
                           const struct kmb_budget *budget,
                           struct kmb_stats *stats);
 
-// Gives the patches to draw, near to far: those of the cut that meet the view's frustum. The array and its patches belong to
-// the cut and live until its next update or its end; a patch lives longer by kmb_patch_retain.
+// Gives the patches to draw, near to far: those of the cut that meet the view's frustum. The array
+// and its patches belong to the cut and live until its next update or its end; a patch lives
+// longer by kmb_patch_retain.
 //
 // May be called with the same cut from several threads at once, not during an update.
 //
@@ -614,11 +633,12 @@ kmb_status kmb_cut_patches(const struct kmb_cut *cut,
                            const kmb_patch *const **patches,
                            size_t *count);
 
-// Gives what changed since the last call of this function, or since the cut was made: the patches that came into the cut, in
-// the frustum or not, and the handles of those that left it. A patch that came and left in between is in neither. So a
-// GPU cache is a map from handles to buffers.
+// Gives what changed since the last call of this function, or since the cut was made: the patches
+// that came into the cut, in the frustum or not, and the handles of those that left it. A patch
+// that came and left in between is in neither. So a GPU cache is a map from handles to buffers.
 //
-// The arrays belong to the cut and live until the next call of this function, the next update, or the cut's end.
+// The arrays belong to the cut and live until the next call of this function, the next update, or
+// the cut's end.
 //
 // Exclusive: no other call may use the cut at the same time.
 //
@@ -629,8 +649,8 @@ kmb_status kmb_cut_changes(struct kmb_cut *cut,
                            const uint64_t **removed,
                            size_t *removed_count);
 
-// Gives the triangles that all complete patches share, as a list: three vertex indices each, with the upper side
-// counterclockwise. The array belongs to the cut and lives as long.
+// Gives the triangles that all complete patches share, as a list: three vertex indices each, with
+// the upper side counterclockwise. The array belongs to the cut and lives as long.
 //
 // May be called with the same cut from several threads at once, not during an update.
 //
@@ -639,8 +659,8 @@ kmb_status kmb_cut_triangle_list(const struct kmb_cut *cut,
                                  const uint16_t **indices,
                                  size_t *count);
 
-// Gives the same triangles as one strip, whose rows are joined by triangles without area. The array
-// belongs to the cut and lives as long.
+// Gives the same triangles as one strip, whose rows are joined by triangles without area. The
+// array belongs to the cut and lives as long.
 //
 // May be called with the same cut from several threads at once, not during an update.
 //
@@ -649,29 +669,26 @@ kmb_status kmb_cut_triangle_strip(const struct kmb_cut *cut,
                                   const uint16_t **indices,
                                   size_t *count);
 
-// Gives the place (p, q) of every vertex within any patch, two floats each, for vertices of KMB_VERTEX_COMPACT: vertex (p, q) lies
-// at origin + p legs[0] + q legs[1] of its patch. `vertex_count` is that of pairs. The array belongs
-// to the cut and lives as long.
+// Gives the place (p, q) of every vertex within any patch, two floats each, for vertices of
+// KMB_VERTEX_COMPACT: vertex (p, q) lies at origin + p legs[0] + q legs[1] of its patch.
+// `vertex_count` is that of pairs. The array belongs to the cut and lives as long.
 //
 // May be called with the same cut from several threads at once, not during an update.
 //
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
-kmb_status kmb_cut_grid(const struct kmb_cut *cut,
-                        const float **grid,
-                        size_t *vertex_count);
+kmb_status kmb_cut_grid(const struct kmb_cut *cut, const float **grid, size_t *vertex_count);
 
 // Gives the map from grid coordinates to the world, one for all patches. The caller sets
 // map->struct_size.
 //
-// To keep shared vertices of neighbours together to the last bit, add `origin - anchor` of a patch (integers, exact in floats)
-// to its vertices first, and multiply with one matrix of the frame afterwards; never with a matrix for each
-// patch.
+// To keep shared vertices of neighbours together to the last bit, add `origin - anchor` of a patch
+// (integers, exact in floats) to its vertices first, and multiply with one matrix of the frame
+// afterwards; never with a matrix for each patch.
 //
 // May be called with the same cut from several threads at once, not during an update.
 //
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
-kmb_status kmb_cut_grid_to_world(const struct kmb_cut *cut,
-                                 struct kmb_grid_to_world *map);
+kmb_status kmb_cut_grid_to_world(const struct kmb_cut *cut, struct kmb_grid_to_world *map);
 
 /* ================================================================================================
  * Builders: from rows to repositories
@@ -690,8 +707,8 @@ typedef struct kmb_builder_options {
     uint32_t width;
     // Rows; at least 2.
     uint32_t height;
-    // Largest allowed difference between a decoded sample and the input's, in sample units; 0 is lossless for
-    // integers.
+    // Largest allowed difference between a decoded sample and the input's, in sample units; 0 is
+    // lossless for integers.
     double max_error;
     // Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
     uint32_t cells;
@@ -699,17 +716,19 @@ typedef struct kmb_builder_options {
     uint32_t threads;
 } kmb_builder_options;
 
-// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a double each, NaN for a void,
-// any other value a sample of the raster's type (it is rounded to a float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one
-// after the other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
+// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
+// double each, NaN for a void, any other value a sample of the raster's type (it is rounded to a
+// float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one after the
+// other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
 // out of it.
 typedef int32_t (*kmb_rows_callback)(void *user,
                                      uint32_t first_row,
                                      uint32_t row_count,
                                      double *samples);
 
-// Learns how far a long call has come: `done` of `total` steps. Calls come one after the other, from any thread. An answer
-// other than 0 asks to stop; the call then returns KMB_CANCELLED. Nothing may unwind out of it.
+// Learns how far a long call has come: `done` of `total` steps. Calls come one after the other,
+// from any thread. An answer other than 0 asks to stop; the call then returns KMB_CANCELLED.
+// Nothing may unwind out of it.
 typedef int32_t (*kmb_progress_callback)(void *user, uint64_t done, uint64_t total);
 
 // What a build made.
@@ -724,14 +743,16 @@ typedef struct kmb_build_report {
     uint64_t void_samples;
     // Bytes of the file.
     uint64_t bytes;
-    // Largest difference between a decoded sample and the input's, as measured from the bytes written.
+    // Largest difference between a decoded sample and the input's, as measured from the bytes
+    // written.
     double max_error;
     // Root of the mean square difference.
     double rms_error;
 } kmb_build_report;
 
-// Makes a builder and gives a handle, which kmb_builder_destroy frees. The raster has no georeference until it gets one: its
-// samples are one unit apart, north up, the lower left one at 0, 0.
+// Makes a builder and gives a handle, which kmb_builder_destroy frees. The raster has no
+// georeference until it gets one: its samples are one unit apart, north up, the lower left one at
+// 0, 0.
 //
 // May be called from any thread at any time.
 //
@@ -739,16 +760,18 @@ typedef struct kmb_build_report {
 kmb_status kmb_builder_create(const struct kmb_builder_options *options,
                               struct kmb_builder **builder);
 
-// Frees a builder. NULL is allowed. No other call may use the handle at the same time, or afterwards.
+// Frees a builder. NULL is allowed. No other call may use the handle at the same time, or
+// afterwards.
 void kmb_builder_destroy(struct kmb_builder *builder);
 
-// Says where the raster lies: six numbers, X = g[0] + column g[1] + row g[2] and Y = g[3] + column g[4] + row g[5], what its
-// origin is (`registration`, a kmb_registration), and whether X and Y are degrees of longitude
-// and latitude (`geographic`, 0 or 1). The numbers are copied.
+// Says where the raster lies: six numbers, X = g[0] + column g[1] + row g[2] and Y = g[3] + column
+// g[4] + row g[5], what its origin is (`registration`, a kmb_registration), and whether X and Y
+// are degrees of longitude and latitude (`geographic`, 0 or 1). The numbers are copied.
 //
 // Exclusive: no other call may use the builder at the same time.
 //
-// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite or have no inverse), KMB_PANIC.
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite or have no inverse),
+// KMB_PANIC.
 kmb_status kmb_builder_set_geotransform(struct kmb_builder *builder,
                                         const double *geotransform,
                                         uint32_t registration,
@@ -768,11 +791,13 @@ kmb_status kmb_builder_set_crs(struct kmb_builder *builder, const char *crs);
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
 kmb_status kmb_builder_set_units(struct kmb_builder *builder, const char *units);
 
-// Says how samples become physical heights: value_scale * sample + value_offset. They are 1 and 0 until set.
+// Says how samples become physical heights: value_scale * sample + value_offset. They are 1 and 0
+// until set.
 //
 // Exclusive: no other call may use the builder at the same time.
 //
-// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite, or a scale of 0), KMB_PANIC.
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite, or a scale of 0),
+// KMB_PANIC.
 kmb_status kmb_builder_set_value_scale(struct kmb_builder *builder,
                                        double value_scale,
                                        double value_offset);
@@ -784,8 +809,8 @@ kmb_status kmb_builder_set_value_scale(struct kmb_builder *builder,
 // Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
 kmb_status kmb_builder_set_nodata(struct kmb_builder *builder, double nodata);
 
-// Keeps `length` bytes of any kind under a key, in place of what was there. Both are copied. Keys that begin with "tiff." are for
-// GeoTIFF tags.
+// Keeps `length` bytes of any kind under a key, in place of what was there. Both are copied. Keys
+// that begin with "tiff." are for GeoTIFF tags.
 //
 // Exclusive: no other call may use the builder at the same time.
 //
@@ -795,16 +820,16 @@ kmb_status kmb_builder_set_metadata(struct kmb_builder *builder,
                                     const uint8_t *value,
                                     size_t length);
 
-// Builds the repository at `path` from rows that `rows` gives, and reports what it made. `progress` may be NULL; so may
-// `report`, otherwise the caller sets report->struct_size. The file appears under its name only when it
-// is whole, in place of what was there; after any failure nothing is left of it. The builder may be used
-// again.
+// Builds the repository at `path` from rows that `rows` gives, and reports what it made.
+// `progress` may be NULL; so may `report`, otherwise the caller sets report->struct_size. The file
+// appears under its name only when it is whole, in place of what was there; after any failure
+// nothing is left of it. The builder may be used again.
 //
 // Exclusive: no other call may use the builder at the same time, the callbacks included.
 //
-// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a maximum error too small for the samples); KMB_INVALID_STRUCT_SIZE; KMB_IO;
-// KMB_INPUT (`rows` failed, or gave an infinite sample or one that the sample type does not have); KMB_CANCELLED;
-// KMB_PANIC.
+// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a maximum error too small for the samples);
+// KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_INPUT (`rows` failed, or gave an infinite sample or one
+// that the sample type does not have); KMB_CANCELLED; KMB_PANIC.
 kmb_status kmb_builder_write(struct kmb_builder *builder,
                              kmb_rows_callback rows,
                              void *rows_user,

@@ -1,5 +1,5 @@
-//! Sizes, offsets and numbers that C programs are compiled with, as 64-bit machines have them; `ffi_tests/layout.c` asserts
-//! the same.
+//! Sizes, offsets and numbers that C programs are compiled with, as 64-bit machines have them;
+//! `ffi_tests/layout.c` asserts the same.
 
 #![cfg(target_pointer_width = "64")]
 
@@ -26,16 +26,43 @@ macro_rules! layout {
 #[test]
 fn structs_lie_as_c_programs_were_compiled() {
     layout!(kmb_open_options, 8, struct_size 0, access 4);
-    layout!(kmb_repository_info, 248, struct_size 0, kind 4, width 8, height 12, cells 16, levels 20, diamonds 24, samples 32, void_samples 40, bytes 48, max_error 56, max_error_bound 64, rms_error 72, lossless 80, sample_type 84, sample_min 88, sample_max 96, value_scale 104, value_offset 112, nodata 120, has_nodata 128, georeferenced 132, geographic 136, registration 140, geotransform 144, world_origin 192, world_step 208, crs 224, units 232, metadata_count 240);
+    layout!(
+        kmb_repository_info, 248, struct_size 0, kind 4, width 8, height 12, cells 16, levels 20,
+        diamonds 24, samples 32, void_samples 40, bytes 48, max_error 56, max_error_bound 64,
+        rms_error 72, lossless 80, sample_type 84, sample_min 88, sample_max 96, value_scale 104,
+        value_offset 112, nodata 120, has_nodata 128, georeferenced 132, geographic 136,
+        registration 140, geotransform 144, world_origin 192, world_step 208, crs 224, units 232,
+        metadata_count 240
+    );
     layout!(kmb_height, 24, struct_size 0, level 4, height 8, error_bound 16);
-    layout!(kmb_patch_info, 240, struct_size 0, level 4, handle 8, diamond 16, half 28, complete 32, reserved 36, origin 40, legs 64, corners 80, bounds 152, error 200, vertices 208, vertex_floats 216, indices 224, index_count 232);
+    layout!(
+        kmb_patch_info, 240, struct_size 0, level 4, handle 8, diamond 16, half 28, complete 32,
+        reserved 36, origin 40, legs 64, corners 80, bounds 152, error 200, vertices 208,
+        vertex_floats 216, indices 224, index_count 232
+    );
     layout!(kmb_cut_options, 8, struct_size 0, vertex_form 4);
-    layout!(kmb_view, 184, struct_size 0, reserved 4, eye 8, world_to_clip 32, viewport 160, tolerance 176);
-    layout!(kmb_budget, 48, struct_size 0, reserved 4, microseconds 8, refinements 16, bytes 24, upload_bytes 32, patches 40);
-    layout!(kmb_stats, 96, struct_size 0, cut_short 4, refined 8, coarsened 16, patches 24, triangles 32, added 40, removed 48, bytes 56, late_refinements 64, largest_error 72, fixed_microseconds 80, microseconds 88);
+    layout!(
+        kmb_view, 184, struct_size 0, reserved 4, eye 8, world_to_clip 32, viewport 160, tolerance
+        176
+    );
+    layout!(
+        kmb_budget, 48, struct_size 0, reserved 4, microseconds 8, refinements 16, bytes 24,
+        upload_bytes 32, patches 40
+    );
+    layout!(
+        kmb_stats, 96, struct_size 0, cut_short 4, refined 8, coarsened 16, patches 24, triangles
+        32, added 40, removed 48, bytes 56, late_refinements 64, largest_error 72,
+        fixed_microseconds 80, microseconds 88
+    );
     layout!(kmb_grid_to_world, 56, struct_size 0, reserved 4, origin 8, step 32);
-    layout!(kmb_builder_options, 32, struct_size 0, sample_type 4, width 8, height 12, max_error 16, cells 24, threads 28);
-    layout!(kmb_build_report, 48, struct_size 0, reserved 4, samples 8, void_samples 16, bytes 24, max_error 32, rms_error 40);
+    layout!(
+        kmb_builder_options, 32, struct_size 0, sample_type 4, width 8, height 12, max_error 16,
+        cells 24, threads 28
+    );
+    layout!(
+        kmb_build_report, 48, struct_size 0, reserved 4, samples 8, void_samples 16, bytes 24,
+        max_error 32, rms_error 40
+    );
 }
 
 macro_rules! numbers {
@@ -49,11 +76,18 @@ fn constants_are_those_that_c_programs_were_compiled_with() {
     assert_eq!(size_of::<kmb_status>(), 4);
     assert_eq!(KMB_UNLIMITED, u64::MAX);
     assert_eq!(KMB_ABI_VERSION, 0);
-    numbers!(kmb_status, KMB_OK 0, KMB_INVALID_ARGUMENT 1, KMB_INVALID_STRUCT_SIZE 2, KMB_IO 3, KMB_INPUT 4, KMB_DAMAGED 5, KMB_UNSUPPORTED_VERSION 6, KMB_CANCELLED 7, KMB_OUTSIDE 8, KMB_BUDGET_TOO_SMALL 9, KMB_NOT_FOUND 10, KMB_PANIC 11);
+    numbers!(
+        kmb_status, KMB_OK 0, KMB_INVALID_ARGUMENT 1, KMB_INVALID_STRUCT_SIZE 2, KMB_IO 3, KMB_INPUT
+        4, KMB_DAMAGED 5, KMB_UNSUPPORTED_VERSION 6, KMB_CANCELLED 7, KMB_OUTSIDE 8,
+        KMB_BUDGET_TOO_SMALL 9, KMB_NOT_FOUND 10, KMB_PANIC 11
+    );
     numbers!(kmb_log_level, KMB_LOG_INFO 0, KMB_LOG_WARNING 1);
     numbers!(kmb_kind, KMB_KIND_HEIGHTS 0, KMB_KIND_COLOURS 1, KMB_KIND_CITY 2);
     numbers!(kmb_access, KMB_ACCESS_MAP 0, KMB_ACCESS_POSITIONED 1);
-    numbers!(kmb_sample_type, KMB_SAMPLE_U8 0, KMB_SAMPLE_I8 1, KMB_SAMPLE_U16 2, KMB_SAMPLE_I16 3, KMB_SAMPLE_U32 4, KMB_SAMPLE_I32 5, KMB_SAMPLE_F32 6, KMB_SAMPLE_F64 7);
+    numbers!(
+        kmb_sample_type, KMB_SAMPLE_U8 0, KMB_SAMPLE_I8 1, KMB_SAMPLE_U16 2, KMB_SAMPLE_I16 3,
+        KMB_SAMPLE_U32 4, KMB_SAMPLE_I32 5, KMB_SAMPLE_F32 6, KMB_SAMPLE_F64 7
+    );
     numbers!(kmb_registration, KMB_REGISTRATION_AREA 0, KMB_REGISTRATION_POINT 1);
     numbers!(kmb_vertex_form, KMB_VERTEX_COMPACT 0, KMB_VERTEX_EXPANDED 1);
 }

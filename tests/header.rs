@@ -5,7 +5,8 @@ use std::path::Path;
 
 const CAVEATS: &str = include_str!("header.h.in");
 
-/// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function names.
+/// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function
+/// names.
 const SECTIONS: [(&str, &str, &[&str]); 6] = [
     ("Version, errors, messages", "status", &["kmb_log_level"]),
     (
@@ -66,7 +67,7 @@ fn the_header_is_that_of_the_sources() {
         .position(|(a, b)| a != b);
     assert!(
         committed == generated,
-        "include/kimberlite.h differs from src/ffi/ at line {:?}; KMB_WRITE_HEADER=1 writes it anew",
+        "include/kimberlite.h differs from src/ffi/ at line {:?}; KMB_WRITE_HEADER=1 writes it",
         differs.map(|line| line + 1)
     );
 }

@@ -71,8 +71,9 @@ impl LeafSurface<'_> {
                 largest = largest.max(triangles.scaled_difference(u, v, height).abs());
             }
         }
-        if any_void && (self.draws_any(diamond, vertices) || self.has_ground(diamond)) {
-            return f64::INFINITY;
+        if any_void {
+            let has_surface = self.draws_any(diamond, vertices) || self.has_ground(diamond);
+            return if has_surface { f64::INFINITY } else { 0.0 };
         }
         largest as f64 / axes.extent as f64
     }

@@ -5,6 +5,9 @@ use crate::entropy::bits::{BitReader, BitWriter};
 use crate::entropy::{self, gamma};
 use crate::transform::Transform;
 
+/// One byte an entry of a matrix: 1 or 0.
+type Mask = Box<[u8]>;
+
 /// Why a block's bytes cannot be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BlockError {
@@ -128,7 +131,7 @@ impl BlockCodec {
         vertices: &Matrix,
         codable: Option<&[u8]>,
         block: &'a [u8],
-    ) -> Result<(Option<Box<[u8]>>, &'a [u8]), BlockError> {
+    ) -> Result<(Option<Mask>, &'a [u8]), BlockError> {
         if !self.has_voids {
             return Ok((None, block));
         }
@@ -154,7 +157,7 @@ fn all_void_by_default(vertices: &Matrix) -> bool {
 }
 
 /// 1 where a centre has a residual: codable and not void; `None` when all have.
-fn coded_centres(codable: Option<&[u8]>, voids: Option<&[u8]>) -> Option<Box<[u8]>> {
+fn coded_centres(codable: Option<&[u8]>, voids: Option<&[u8]>) -> Option<Mask> {
     match (codable, voids) {
         (None, None) => None,
         (Some(codable), None) => Some(codable.into()),

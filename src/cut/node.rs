@@ -13,8 +13,6 @@ pub(super) struct Node {
     pub diamond: Diamond,
     pub level: u32,
     pub placement: Placement,
-    /// Whether no vertex of the square is outside.
-    pub is_inside: bool,
     /// Vertex matrix; only halves that have arrived mean anything, and an absent half mirrors them.
     pub vertices: Matrix,
     pub slopes: Box<[Slope]>,
@@ -98,7 +96,6 @@ impl Node {
             diamond,
             level: diamond.level(),
             placement,
-            is_inside: lattice.is_inside(diamond),
             vertices: Matrix {
                 values: vec![0; entries].into(),
                 valid: None,

@@ -76,6 +76,8 @@ impl Patch {
 pub(super) struct PatchMaker {
     grid: PatchGrid,
     triangle_list: Box<[u16]>,
+    /// (p, q) of every vertex.
+    positions: Box<[[f32; 2]]>,
     form: VertexForm,
     base: i32,
     grid_to_world: GridToWorld,
@@ -92,6 +94,9 @@ impl PatchMaker {
         let [low, high] = source.range().map(i64::from);
         PatchMaker {
             triangle_list: grid.triangle_list().into(),
+            positions: positions(lattice.cells())
+                .map(|(p, q)| [p as f32, q as f32])
+                .collect(),
             grid,
             form,
             base: ((low + high) / 2) as i32,
@@ -109,6 +114,11 @@ impl PatchMaker {
 
     pub fn triangle_list(&self) -> &[u16] {
         &self.triangle_list
+    }
+
+    /// (p, q) of every vertex.
+    pub fn positions(&self) -> &[[f32; 2]] {
+        &self.positions
     }
 
     pub fn grid_to_world(&self) -> GridToWorld {
@@ -181,38 +191,47 @@ impl PatchMaker {
 
     fn vertices(&self, node: &Node, half: usize, legs: [[f32; 2]; 2]) -> Box<[f32]> {
         let order = self.grid.matrix_indices(node.halves[half].apex);
-        let at = |&index: &u16| {
+        let held = order.iter().map(|&index| {
             let index = usize::from(index);
             let height = i64::from(node.vertices.values[index]) - i64::from(self.base);
             (height as f32, node.slopes[index])
-        };
-        let mut vertices = Vec::with_capacity(order.len() * self.form.floats());
-        if self.form == VertexForm::Compact {
-            for (height, [dx, dy]) in order.iter().map(at) {
-                vertices.extend_from_slice(&[height, dx, dy]);
+        });
+        let mut vertices = vec![0.0; order.len() * self.form.floats()].into_boxed_slice();
+        match self.form {
+            VertexForm::Compact => {
+                for (vertex, (height, [dx, dy])) in vertices.chunks_exact_mut(3).zip(held) {
+                    vertex.copy_from_slice(&[height, dx, dy]);
+                }
             }
-            return vertices.into();
+            VertexForm::Expanded => {
+                let places = self
+                    .positions
+                    .iter()
+                    .map(|[p, q]| [0, 1].map(|axis| p * legs[0][axis] + q * legs[1][axis]));
+                let held = places.zip(held);
+                for (vertex, ([x, y], (height, [dx, dy]))) in vertices.chunks_exact_mut(6).zip(held)
+                {
+                    let up = 1.0 / (1.0 + dx * dx + dy * dy).sqrt();
+                    vertex.copy_from_slice(&[x, y, height, -dx * up, -dy * up, up]);
+                }
+            }
         }
-        for ((p, q), (height, [dx, dy])) in
-            positions(self.lattice.cells()).zip(order.iter().map(at))
-        {
-            let (p, q) = (p as f32, q as f32);
-            let [x, y] = [0, 1].map(|axis| p * legs[0][axis] + q * legs[1][axis]);
-            let length = (1.0 + dx * dx + dy * dy).sqrt();
-            let normal = [-dx / length, -dy / length, 1.0 / length];
-            vertices.extend_from_slice(&[x, y, height, normal[0], normal[1], normal[2]]);
-        }
-        vertices.into()
+        vertices
     }
 
     /// The list of triangles drawn ([`Lattice::draws`]), or `None` where all are.
     fn own_indices(&self, node: &Node, half: usize) -> Option<Box<[u16]>> {
-        if node.is_inside && node.vertices.valid.is_none() {
-            return None;
-        }
         let apex = node.halves[half].apex;
         let cells = self.lattice.cells();
         let order = self.grid.matrix_indices(apex);
+        let is_inside = [(0, 0), (cells, 0), (0, cells)].iter().all(|&(p, q)| {
+            let (i, j) = apex.vertex(cells, p, q);
+            self.lattice.in_raster(node.placement.vertex(i, j))
+        });
+        let is_valid = |&index: &u16| node.vertices.is_valid(usize::from(index));
+        if is_inside && order.iter().all(is_valid) {
+            return None;
+        }
         let places: Vec<[i64; 2]> = positions(cells)
             .map(|(p, q)| {
                 let (i, j) = apex.vertex(cells, p, q);
@@ -238,6 +257,6 @@ impl PatchMaker {
 }
 
 /// (p, q) of a patch's vertices in their order.
-pub(super) fn positions(cells: usize) -> impl Iterator<Item = (usize, usize)> {
+fn positions(cells: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..=cells).flat_map(move |q| (0..=cells - q).map(move |p| (p, q)))
 }

@@ -122,7 +122,8 @@ impl Projection {
                 .max((rise[axis] - rise[2] * high).abs());
             self.half_viewport[axis] * worst
         };
-        error * shift(0).hypot(shift(1)) / least.max(self.least_w)
+        let [x, y] = [shift(0), shift(1)];
+        error * (x * x + y * y).sqrt() / least.max(self.least_w)
     }
 }
 
@@ -135,12 +136,16 @@ struct Hull {
 impl Hull {
     /// Whether no side plane of the frustum, widened by `factor`, nor the plane w = 0 separates it.
     fn meets(&self, factor: f64) -> bool {
-        let some = |inside: &dyn Fn(&[f64; 3]) -> bool| self.points.iter().any(inside);
-        some(&|p| p[2] > 0.0)
-            && some(&|p| p[0] <= factor * p[2])
-            && some(&|p| -p[0] <= factor * p[2])
-            && some(&|p| p[1] <= factor * p[2])
-            && some(&|p| -p[1] <= factor * p[2])
+        let mut inside = [false; 5];
+        for [x, y, w] in &self.points {
+            let reach = factor * w;
+            inside[0] |= *w > 0.0;
+            inside[1] |= *x <= reach;
+            inside[2] |= -x <= reach;
+            inside[3] |= *y <= reach;
+            inside[4] |= -y <= reach;
+        }
+        inside == [true; 5]
     }
 
     /// Least and greatest x/w (or y/w) between -limit and limit.

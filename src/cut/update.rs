@@ -3,7 +3,7 @@
 use super::changes::Changes;
 use super::graph::{Cost, Graph};
 use super::node::Node;
-use super::patch::{GridToWorld, Patch, VertexForm, positions};
+use super::patch::{GridToWorld, Patch, VertexForm};
 use super::projection::Projection;
 use super::{DiamondSource, View};
 use crate::Result;
@@ -69,7 +69,6 @@ type Entry = Ranked<(Reverse<u32>, Diamond, usize)>;
 /// time.
 pub struct Cut {
     graph: Graph,
-    grid: Box<[[f32; 2]]>,
     triangle_strip: Box<[u16]>,
     /// What the root alone takes.
     root_cost: Cost,
@@ -114,7 +113,6 @@ impl Cut {
     ///
     /// Those of the source's root summary.
     pub fn new(source: Arc<dyn DiamondSource>, options: CutOptions) -> Result<Cut> {
-        let cells = source.lattice().cells();
         let graph = Graph::new(source, options.vertex_form)?;
         let root_cost = Cost {
             patches: graph.patches().count() as i64,
@@ -122,9 +120,6 @@ impl Cut {
             upload: 0,
         };
         Ok(Cut {
-            grid: positions(cells)
-                .map(|(p, q)| [p as f32, q as f32])
-                .collect(),
             triangle_strip: graph.maker().grid().triangle_strip().into(),
             graph,
             root_cost,
@@ -212,7 +207,7 @@ impl Cut {
 
     /// (p, q) of every patch vertex, for compact vertices.
     pub fn grid(&self) -> &[[f32; 2]] {
-        &self.grid
+        self.graph.maker().positions()
     }
 
     /// From grid coordinates to the world.

@@ -65,9 +65,9 @@ pub(super) unsafe trait SizedStruct: Copy {
     const NAME: &'static str;
 }
 
-/// Wraps the body of a function: nothing unwinds out of it, and its outcome becomes a status and this
-/// thread's message. `shared` and `exclusive` name a handle, which is checked before the body runs, is
-/// seen by it as a reference, and is broken by a panic.
+/// Wraps the body of a function: nothing unwinds out of it, and its outcome becomes a status and
+/// this thread's message. `shared` and `exclusive` name a handle, which is checked before the body
+/// runs, is seen by it as a reference, and is broken by a panic.
 macro_rules! boundary {
     ($body:block) => {
         $crate::ffi::boundary::run(|| -> $crate::ffi::boundary::Outcome { $body })
@@ -122,8 +122,8 @@ pub(super) unsafe fn run_shared<T: Handle>(
 ///
 /// # Safety
 ///
-/// `handle` is NULL, misaligned, or points to a `T` that lives, and that nothing else uses, until the
-/// body ends.
+/// `handle` is NULL, misaligned, or points to a `T` that lives, and that nothing else uses, until
+/// the body ends.
 pub(super) unsafe fn run_exclusive<T: Handle>(
     handle: *mut T,
     body: impl FnOnce(&mut T) -> Outcome,
@@ -180,7 +180,8 @@ fn check_pointer<T>(pointer: *const T, name: &str) -> Outcome {
 ///
 /// # Safety
 ///
-/// `pointer` is NULL, misaligned, or points to a valid `T` that lives and does not change during `'a`.
+/// `pointer` is NULL, misaligned, or points to a valid `T` that lives and does not change during
+/// `'a`.
 pub(super) unsafe fn required<'a, T>(pointer: *const T, name: &str) -> Result<&'a T, Failure> {
     check_pointer(pointer, name)?;
     // SAFETY: neither NULL nor misaligned; the rest is the caller's promise.

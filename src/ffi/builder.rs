@@ -15,9 +15,10 @@ use crate::build::{BuildOptions, BuildReport, build};
 use crate::geo::{RasterInfo, Registration, SampleType};
 use crate::{Error, Result};
 
-/// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a double each, NaN for a void,
-/// any other value a sample of the raster's type (it is rounded to a float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one
-/// after the other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
+/// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
+/// double each, NaN for a void, any other value a sample of the raster's type (it is rounded to a
+/// float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one after the
+/// other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
 /// out of it.
 pub type kmb_rows_callback = Option<
     unsafe extern "C" fn(
@@ -28,8 +29,9 @@ pub type kmb_rows_callback = Option<
     ) -> i32,
 >;
 
-/// Learns how far a long call has come: `done` of `total` steps. Calls come one after the other, from any thread. An answer
-/// other than 0 asks to stop; the call then returns KMB_CANCELLED. Nothing may unwind out of it.
+/// Learns how far a long call has come: `done` of `total` steps. Calls come one after the other,
+/// from any thread. An answer other than 0 asks to stop; the call then returns KMB_CANCELLED.
+/// Nothing may unwind out of it.
 pub type kmb_progress_callback =
     Option<unsafe extern "C" fn(user: *mut c_void, done: u64, total: u64) -> i32>;
 
@@ -45,8 +47,8 @@ pub struct kmb_builder_options {
     pub width: u32,
     /// Rows; at least 2.
     pub height: u32,
-    /// Largest allowed difference between a decoded sample and the input's, in sample units; 0 is lossless for
-    /// integers.
+    /// Largest allowed difference between a decoded sample and the input's, in sample units; 0 is
+    /// lossless for integers.
     pub max_error: f64,
     /// Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
     pub cells: u32,
@@ -68,7 +70,8 @@ pub struct kmb_build_report {
     pub void_samples: u64,
     /// Bytes of the file.
     pub bytes: u64,
-    /// Largest difference between a decoded sample and the input's, as measured from the bytes written.
+    /// Largest difference between a decoded sample and the input's, as measured from the bytes
+    /// written.
     pub max_error: f64,
     /// Root of the mean square difference.
     pub rms_error: f64,
@@ -98,8 +101,9 @@ impl Handle for kmb_builder {
     }
 }
 
-/// Makes a builder and gives a handle, which kmb_builder_destroy frees. The raster has no georeference until it gets one: its
-/// samples are one unit apart, north up, the lower left one at 0, 0.
+/// Makes a builder and gives a handle, which kmb_builder_destroy frees. The raster has no
+/// georeference until it gets one: its samples are one unit apart, north up, the lower left one at
+/// 0, 0.
 ///
 /// May be called from any thread at any time.
 ///
@@ -157,7 +161,8 @@ fn check_shape(builder: &kmb_builder) -> Outcome {
     Ok(())
 }
 
-/// Frees a builder. NULL is allowed. No other call may use the handle at the same time, or afterwards.
+/// Frees a builder. NULL is allowed. No other call may use the handle at the same time, or
+/// afterwards.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_builder_destroy(builder: *mut kmb_builder) {
     let _ = boundary!({
@@ -169,13 +174,14 @@ pub unsafe extern "C" fn kmb_builder_destroy(builder: *mut kmb_builder) {
     });
 }
 
-/// Says where the raster lies: six numbers, X = g[0] + column g[1] + row g[2] and Y = g[3] + column g[4] + row g[5], what its
-/// origin is (`registration`, a kmb_registration), and whether X and Y are degrees of longitude
-/// and latitude (`geographic`, 0 or 1). The numbers are copied.
+/// Says where the raster lies: six numbers, X = g[0] + column g[1] + row g[2] and Y = g[3] + column
+/// g[4] + row g[5], what its origin is (`registration`, a kmb_registration), and whether X and Y
+/// are degrees of longitude and latitude (`geographic`, 0 or 1). The numbers are copied.
 ///
 /// Exclusive: no other call may use the builder at the same time.
 ///
-/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite or have no inverse), KMB_PANIC.
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite or have no inverse),
+/// KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_builder_set_geotransform(
     builder: *mut kmb_builder,
@@ -245,11 +251,13 @@ pub unsafe extern "C" fn kmb_builder_set_units(
     })
 }
 
-/// Says how samples become physical heights: value_scale * sample + value_offset. They are 1 and 0 until set.
+/// Says how samples become physical heights: value_scale * sample + value_offset. They are 1 and 0
+/// until set.
 ///
 /// Exclusive: no other call may use the builder at the same time.
 ///
-/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite, or a scale of 0), KMB_PANIC.
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for numbers that are not finite, or a scale of 0),
+/// KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_builder_set_value_scale(
     builder: *mut kmb_builder,
@@ -259,7 +267,7 @@ pub unsafe extern "C" fn kmb_builder_set_value_scale(
     boundary!(exclusive builder: kmb_builder, {
         if !value_scale.is_finite() || value_scale == 0.0 || !value_offset.is_finite() {
             return Err(Failure::argument(format!(
-                "value scale {value_scale} and offset {value_offset}: finite numbers and a scale other than 0 are needed"
+                "value scale {value_scale} and offset {value_offset} must be finite, the scale not 0"
             )));
         }
         builder.raster.value_scale = value_scale;
@@ -284,8 +292,8 @@ pub unsafe extern "C" fn kmb_builder_set_nodata(
     })
 }
 
-/// Keeps `length` bytes of any kind under a key, in place of what was there. Both are copied. Keys that begin with "tiff." are for
-/// GeoTIFF tags.
+/// Keeps `length` bytes of any kind under a key, in place of what was there. Both are copied. Keys
+/// that begin with "tiff." are for GeoTIFF tags.
 ///
 /// Exclusive: no other call may use the builder at the same time.
 ///
@@ -306,7 +314,8 @@ pub unsafe extern "C" fn kmb_builder_set_metadata(
 }
 
 struct User(*mut c_void);
-// SAFETY: the header lets the callbacks, and so their `user`, be used from any thread, one call at a time.
+// SAFETY: the header lets the callbacks, and so their `user`, be used from any thread, one call at
+// a time.
 unsafe impl Send for User {}
 
 impl User {
@@ -315,16 +324,16 @@ impl User {
     }
 }
 
-/// Builds the repository at `path` from rows that `rows` gives, and reports what it made. `progress` may be NULL; so may
-/// `report`, otherwise the caller sets report->struct_size. The file appears under its name only when it
-/// is whole, in place of what was there; after any failure nothing is left of it. The builder may be used
-/// again.
+/// Builds the repository at `path` from rows that `rows` gives, and reports what it made.
+/// `progress` may be NULL; so may `report`, otherwise the caller sets report->struct_size. The file
+/// appears under its name only when it is whole, in place of what was there; after any failure
+/// nothing is left of it. The builder may be used again.
 ///
 /// Exclusive: no other call may use the builder at the same time, the callbacks included.
 ///
-/// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a maximum error too small for the samples); KMB_INVALID_STRUCT_SIZE; KMB_IO;
-/// KMB_INPUT (`rows` failed, or gave an infinite sample or one that the sample type does not have); KMB_CANCELLED;
-/// KMB_PANIC.
+/// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a maximum error too small for the samples);
+/// KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_INPUT (`rows` failed, or gave an infinite sample or one
+/// that the sample type does not have); KMB_CANCELLED; KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_builder_write(
     builder: *mut kmb_builder,

@@ -17,11 +17,11 @@ use crate::schedule::Budget;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum kmb_vertex_form {
-    /// 3 floats: height relative to the patch's origin, in height units; then dz/dx and dz/dy of the surface
-    /// in world units. The place within the patch comes from kmb_cut_grid.
+    /// 3 floats: height relative to the patch's origin, in height units; then dz/dx and dz/dy of
+    /// the surface in world units. The place within the patch comes from kmb_cut_grid.
     KMB_VERTEX_COMPACT = 0,
-    /// 6 floats: column, row and height relative to the patch's origin, in columns, rows and height units; then the unit
-    /// normal in the world.
+    /// 6 floats: column, row and height relative to the patch's origin, in columns, rows and height
+    /// units; then the unit normal in the world.
     KMB_VERTEX_EXPANDED = 1,
 }
 
@@ -105,8 +105,8 @@ pub struct kmb_stats {
     pub microseconds: f64,
 }
 
-/// From grid coordinates (column, row, height unit) to the world, axis by axis:
-/// world[i] = origin[i] + step[i] * grid[i].
+/// From grid coordinates (column, row, height unit) to the world, axis by axis: world[i] =
+/// origin[i] + step[i] * grid[i].
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct kmb_grid_to_world {
@@ -160,9 +160,9 @@ impl Handle for kmb_cut {
     }
 }
 
-/// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches to draw until its
-/// first update. `options` may be NULL: KMB_VERTEX_EXPANDED. The repository may be closed before the cut is
-/// destroyed.
+/// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches
+/// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED. The repository may
+/// be closed before the cut is destroyed.
 ///
 /// May be called with the same repository from several threads at once.
 ///
@@ -214,8 +214,8 @@ impl kmb_cut {
     }
 }
 
-/// Frees a cut, and its patches but for those that kmb_patch_retain holds. NULL is allowed. No other call may use
-/// the handle at the same time, or afterwards.
+/// Frees a cut, and its patches but for those that kmb_patch_retain holds. NULL is allowed. No
+/// other call may use the handle at the same time, or afterwards.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_cut_destroy(cut: *mut kmb_cut) {
     let _ = boundary!({
@@ -227,20 +227,22 @@ pub unsafe extern "C" fn kmb_cut_destroy(cut: *mut kmb_cut) {
     });
 }
 
-/// Moves the cut towards a view: refines where the error on the screen is above the view's tolerance, and coarsens
-/// where it need not be so fine, within the budget. `budget` may be NULL: no limits. `stats` may be NULL;
-/// otherwise the caller sets stats->struct_size.
+/// Moves the cut towards a view: refines where the error on the screen is above the view's
+/// tolerance, and coarsens where it need not be so fine, within the budget. `budget` may be NULL:
+/// no limits. `stats` may be NULL; otherwise the caller sets stats->struct_size.
 ///
-/// The cut is whole and without cracks whatever ends the update. With a still view and the same budget it settles, and
-/// then changes nothing. Ends the life of what kmb_cut_patches and kmb_cut_changes gave before.
+/// The cut is whole and without cracks whatever ends the update. With a still view and the same
+/// budget it settles, and then changes nothing. Ends the life of what kmb_cut_patches and
+/// kmb_cut_changes gave before.
 ///
-/// Exclusive: no other call may use the cut at the same time. Patches that are retained may be used.
+/// Exclusive: no other call may use the cut at the same time. Patches that are retained may be
+/// used.
 ///
-/// Returns KMB_OK; KMB_BUDGET_TOO_SMALL (the budget is below the coarsest patches: they are shown all the same, and
-/// `stats` is written); KMB_INVALID_ARGUMENT (also for a view with a number that is not finite, with an empty
-/// viewport, or with a tolerance that is not above 0: the cut stays as it was); KMB_INVALID_STRUCT_SIZE;
-/// KMB_PANIC. A block that cannot be read or is damaged is no failure: the surface stays coarser there, and the log
-/// callback is told once.
+/// Returns KMB_OK; KMB_BUDGET_TOO_SMALL (the budget is below the coarsest patches: they are shown
+/// all the same, and `stats` is written); KMB_INVALID_ARGUMENT (also for a view with a number that
+/// is not finite, with an empty viewport, or with a tolerance that is not above 0: the cut stays as
+/// it was); KMB_INVALID_STRUCT_SIZE; KMB_PANIC. A block that cannot be read or is damaged is no
+/// failure: the surface stays coarser there, and the log callback is told once.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_cut_update(
     cut: *mut kmb_cut,
@@ -314,8 +316,9 @@ fn told(stats: &Stats) -> kmb_stats {
     }
 }
 
-/// Gives the patches to draw, near to far: those of the cut that meet the view's frustum. The array and its patches belong to
-/// the cut and live until its next update or its end; a patch lives longer by kmb_patch_retain.
+/// Gives the patches to draw, near to far: those of the cut that meet the view's frustum. The array
+/// and its patches belong to the cut and live until its next update or its end; a patch lives
+/// longer by kmb_patch_retain.
 ///
 /// May be called with the same cut from several threads at once, not during an update.
 ///
@@ -335,11 +338,12 @@ pub unsafe extern "C" fn kmb_cut_patches(
     })
 }
 
-/// Gives what changed since the last call of this function, or since the cut was made: the patches that came into the cut, in
-/// the frustum or not, and the handles of those that left it. A patch that came and left in between is in neither. So a
-/// GPU cache is a map from handles to buffers.
+/// Gives what changed since the last call of this function, or since the cut was made: the patches
+/// that came into the cut, in the frustum or not, and the handles of those that left it. A patch
+/// that came and left in between is in neither. So a GPU cache is a map from handles to buffers.
 ///
-/// The arrays belong to the cut and live until the next call of this function, the next update, or the cut's end.
+/// The arrays belong to the cut and live until the next call of this function, the next update, or
+/// the cut's end.
 ///
 /// Exclusive: no other call may use the cut at the same time.
 ///
@@ -373,8 +377,8 @@ pub unsafe extern "C" fn kmb_cut_changes(
     })
 }
 
-/// Gives the triangles that all complete patches share, as a list: three vertex indices each, with the upper side
-/// counterclockwise. The array belongs to the cut and lives as long.
+/// Gives the triangles that all complete patches share, as a list: three vertex indices each, with
+/// the upper side counterclockwise. The array belongs to the cut and lives as long.
 ///
 /// May be called with the same cut from several threads at once, not during an update.
 ///
@@ -394,8 +398,8 @@ pub unsafe extern "C" fn kmb_cut_triangle_list(
     })
 }
 
-/// Gives the same triangles as one strip, whose rows are joined by triangles without area. The array
-/// belongs to the cut and lives as long.
+/// Gives the same triangles as one strip, whose rows are joined by triangles without area. The
+/// array belongs to the cut and lives as long.
 ///
 /// May be called with the same cut from several threads at once, not during an update.
 ///
@@ -415,9 +419,9 @@ pub unsafe extern "C" fn kmb_cut_triangle_strip(
     })
 }
 
-/// Gives the place (p, q) of every vertex within any patch, two floats each, for vertices of KMB_VERTEX_COMPACT: vertex (p, q) lies
-/// at origin + p legs[0] + q legs[1] of its patch. `vertex_count` is that of pairs. The array belongs
-/// to the cut and lives as long.
+/// Gives the place (p, q) of every vertex within any patch, two floats each, for vertices of
+/// KMB_VERTEX_COMPACT: vertex (p, q) lies at origin + p legs[0] + q legs[1] of its patch.
+/// `vertex_count` is that of pairs. The array belongs to the cut and lives as long.
 ///
 /// May be called with the same cut from several threads at once, not during an update.
 ///
@@ -442,9 +446,9 @@ pub unsafe extern "C" fn kmb_cut_grid(
 /// Gives the map from grid coordinates to the world, one for all patches. The caller sets
 /// map->struct_size.
 ///
-/// To keep shared vertices of neighbours together to the last bit, add `origin - anchor` of a patch (integers, exact in floats)
-/// to its vertices first, and multiply with one matrix of the frame afterwards; never with a matrix for each
-/// patch.
+/// To keep shared vertices of neighbours together to the last bit, add `origin - anchor` of a patch
+/// (integers, exact in floats) to its vertices first, and multiply with one matrix of the frame
+/// afterwards; never with a matrix for each patch.
 ///
 /// May be called with the same cut from several threads at once, not during an update.
 ///

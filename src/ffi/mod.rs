@@ -1,7 +1,7 @@
 //! Floor 4: the C boundary: argument checks, panic barrier, ownership of handles. No algorithm.
 //!
-//! `include/kimberlite.h` is made from this room by `tests/header.rs`, one section from each of the files below; their
-//! doc comments are its manual and speak to C programmers.
+//! `include/kimberlite.h` is made from this room by `tests/header.rs`, one section from each of the
+//! files below; their doc comments are its manual and speak to C programmers.
 //!
 //! | file | section |
 //! |---|---|
@@ -13,7 +13,8 @@
 //! | `query.rs` | heights and windows of samples, without any view |
 //! | `builder.rs` | building repositories from rows |
 
-// The safety contract of every function is that of a C library; the header's first section states it once.
+// The safety contract of every function is that of a C library; the header's first section states
+// it once.
 #![allow(clippy::missing_safety_doc)]
 #![allow(non_camel_case_types)]
 

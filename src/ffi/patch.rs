@@ -29,7 +29,8 @@ pub struct kmb_patch_info {
     pub level: u32,
     /// Number of this patch within its cut; never used again for another.
     pub handle: u64,
-    /// Centre of its diamond on the lattice (along columns, along rows, 0): its identifier in every cut.
+    /// Centre of its diamond on the lattice (along columns, along rows, 0): its identifier in every
+    /// cut.
     pub diamond: [i32; 3],
     /// Which half of the diamond it is: 0 or 1.
     pub half: u32,
@@ -62,7 +63,8 @@ unsafe impl SizedStruct for kmb_patch_info {
     const NAME: &'static str = "kmb_patch_info";
 }
 
-/// Says what a patch consists of. The caller sets info->struct_size; the arrays belong to the patch and live as long.
+/// Says what a patch consists of. The caller sets info->struct_size; the arrays belong to the patch
+/// and live as long.
 ///
 /// May be called from any thread while the patch lives.
 ///
@@ -103,8 +105,8 @@ pub unsafe extern "C" fn kmb_patch_describe(
     })
 }
 
-/// Keeps a patch alive until a kmb_patch_release, beyond its cut's next update and its cut's end. It must be alive when this
-/// is called.
+/// Keeps a patch alive until a kmb_patch_release, beyond its cut's next update and its cut's end.
+/// It must be alive when this is called.
 ///
 /// May be called from any thread.
 ///

@@ -46,9 +46,9 @@ impl Handle for kmb_query {
     }
 }
 
-/// Makes a query of a repository and gives a handle, which kmb_query_destroy frees. It keeps at most about `byte_limit` bytes
-/// of decoded data (KMB_UNLIMITED: all that it meets). The repository may be closed before the query is
-/// destroyed. Make one query for each thread.
+/// Makes a query of a repository and gives a handle, which kmb_query_destroy frees. It keeps at
+/// most about `byte_limit` bytes of decoded data (KMB_UNLIMITED: all that it meets). The repository
+/// may be closed before the query is destroyed. Make one query for each thread.
 ///
 /// May be called with the same repository from several threads at once.
 ///
@@ -71,7 +71,8 @@ pub unsafe extern "C" fn kmb_query_create(
     })
 }
 
-/// Frees a query. NULL is allowed. No other call may use the handle at the same time, or afterwards.
+/// Frees a query. NULL is allowed. No other call may use the handle at the same time, or
+/// afterwards.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_query_destroy(query: *mut kmb_query) {
     let _ = boundary!({
@@ -87,8 +88,8 @@ pub unsafe extern "C" fn kmb_query_destroy(query: *mut kmb_query) {
 ///
 /// Exclusive: no other call may use the query at the same time.
 ///
-/// Returns KMB_OK; KMB_OUTSIDE (outside the raster, or in a void); KMB_INVALID_ARGUMENT (also for a coordinate that is
-/// not finite); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED; KMB_PANIC.
+/// Returns KMB_OK; KMB_OUTSIDE (outside the raster, or in a void); KMB_INVALID_ARGUMENT (also for a
+/// coordinate that is not finite); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED; KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_height_at(
     query: *mut kmb_query,
@@ -106,7 +107,8 @@ pub unsafe extern "C" fn kmb_height_at(
     })
 }
 
-/// As kmb_height_at, with coordinates of the raster's reference system (degrees where it is geographic).
+/// As kmb_height_at, with coordinates of the raster's reference system (degrees where it is
+/// geographic).
 ///
 /// Exclusive: no other call may use the query at the same time.
 ///
@@ -150,15 +152,16 @@ fn told(height: Option<Height>, x: f64, y: f64) -> Result<kmb_height, Failure> {
     })
 }
 
-/// Reads a rectangle of samples of one even level into an array that the caller owns: `height` rows of `width` samples from the top, sample
-/// values and not physical heights, NaN where there is a void. `capacity` is the count of doubles at `samples`, at
-/// least width * height. A level 2k has every 2^(K - k)-th column and row of the raster, where 2K is the
-/// finest level; `column` and `row` count those.
+/// Reads a rectangle of samples of one even level into an array that the caller owns: `height` rows
+/// of `width` samples from the top, sample values and not physical heights, NaN where there is a
+/// void. `capacity` is the count of doubles at `samples`, at least width * height. A level 2k has
+/// every 2^(K - k)-th column and row of the raster, where 2K is the finest level; `column` and
+/// `row` count those.
 ///
 /// May be called with the same repository from several threads at once.
 ///
-/// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for an odd or too fine level, a rectangle that is empty or not within
-/// the level, or too small a capacity); KMB_IO; KMB_DAMAGED; KMB_PANIC.
+/// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for an odd or too fine level, a rectangle that is
+/// empty or not within the level, or too small a capacity); KMB_IO; KMB_DAMAGED; KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_read_window(
     repository: *const kmb_repository,

@@ -28,8 +28,8 @@ pub enum kmb_kind {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum kmb_access {
-    /// By a memory map. The file must not be truncated or written to while it is open, or the system may
-    /// end the process; replacing it by a rename is safe.
+    /// By a memory map. The file must not be truncated or written to while it is open, or the
+    /// system may end the process; replacing it by a rename is safe.
     KMB_ACCESS_MAP = 0,
     /// By positioned reads; a file that is truncated meanwhile gives an error.
     KMB_ACCESS_POSITIONED = 1,
@@ -77,7 +77,8 @@ pub struct kmb_open_options {
     pub access: u32,
 }
 
-/// What is known of a repository. Errors and ranges are in the raster's own units, those of its samples.
+/// What is known of a repository. Errors and ranges are in the raster's own units, those of its
+/// samples.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct kmb_repository_info {
@@ -129,14 +130,16 @@ pub struct kmb_repository_info {
     pub geographic: u32,
     /// A kmb_registration.
     pub registration: u32,
-    /// X = g[0] + column g[1] + row g[2], Y = g[3] + column g[4] + row g[5], in the reference system;
-    /// for the sample itself, or for its outer corner, as registration says.
+    /// X = g[0] + column g[1] + row g[2], Y = g[3] + column g[4] + row g[5], in the reference
+    /// system; for the sample itself, or for its outer corner, as registration says.
     pub geotransform: [f64; 6],
     /// World x and y of the sample in column 0 of row 0.
     pub world_origin: [f64; 2],
-    /// World units of one column, along x, and of one row, along y (negative where row 0 is the north).
+    /// World units of one column, along x, and of one row, along y (negative where row 0 is the
+    /// north).
     pub world_step: [f64; 2],
-    /// The coordinate reference system: WKT, "EPSG:n", or empty. Lives until the repository is closed.
+    /// The coordinate reference system: WKT, "EPSG:n", or empty. Lives until the repository is
+    /// closed.
     pub crs: *const c_char,
     /// The unit of physical heights, or empty. Lives until the repository is closed.
     pub units: *const c_char,
@@ -153,8 +156,8 @@ unsafe impl SizedStruct for kmb_repository_info {
     const NAME: &'static str = "kmb_repository_info";
 }
 
-/// An open repository of heights. Cuts and queries made from it share what they need of it, so that it may be
-/// closed before them.
+/// An open repository of heights. Cuts and queries made from it share what they need of it, so that
+/// it may be closed before them.
 pub struct kmb_repository {
     broken: AtomicBool,
     pub(super) terrain: Arc<Terrain>,
@@ -171,11 +174,11 @@ impl Handle for kmb_repository {
     }
 }
 
-/// Opens the repository of heights at `path` (bytes as the system has them; UTF-8 on Windows) and gives a
-/// handle, which kmb_repository_close frees. `options` may be NULL: a memory map.
+/// Opens the repository of heights at `path` (bytes as the system has them; UTF-8 on Windows) and
+/// gives a handle, which kmb_repository_close frees. `options` may be NULL: a memory map.
 ///
-/// Reads the header, the tables and the roots; blocks are read, and their checksums checked, when they
-/// are used. May be called from any thread at any time.
+/// Reads the header, the tables and the roots; blocks are read, and their checksums checked, when
+/// they are used. May be called from any thread at any time.
 ///
 /// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_IO, KMB_DAMAGED (the file is
 /// no repository, or its bytes are not as they were written), KMB_UNSUPPORTED_VERSION, KMB_PANIC.
@@ -232,8 +235,8 @@ pub unsafe extern "C" fn kmb_repository_close(repository: *mut kmb_repository) {
     });
 }
 
-/// Says what is known of a repository. The caller sets info->struct_size; its strings belong to the repository and live
-/// until it is closed.
+/// Says what is known of a repository. The caller sets info->struct_size; its strings belong to the
+/// repository and live until it is closed.
 ///
 /// May be called with the same repository from several threads at once.
 ///
@@ -289,12 +292,14 @@ fn described(repository: &kmb_repository) -> kmb_repository_info {
     }
 }
 
-/// Gives metadata entry `index`, counted from 0 in the order of the keys: its key, a string, and its value, `length` bytes
-/// of any kind. Both belong to the repository and live until it is closed.
+/// Gives metadata entry `index`, counted from 0 in the order of the keys: its key, a string, and
+/// its value, `length` bytes of any kind. Both belong to the repository and live until it is
+/// closed.
 ///
 /// May be called with the same repository from several threads at once.
 ///
-/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_NOT_FOUND (`index` is not below metadata_count), KMB_PANIC.
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_NOT_FOUND (`index` is not below metadata_count),
+/// KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_repository_metadata_at(
     repository: *const kmb_repository,
@@ -324,8 +329,8 @@ pub unsafe extern "C" fn kmb_repository_metadata_at(
     })
 }
 
-/// Gives the value of a metadata key: `length` bytes of any kind, which belong to the repository and live until it
-/// is closed.
+/// Gives the value of a metadata key: `length` bytes of any kind, which belong to the repository
+/// and live until it is closed.
 ///
 /// May be called with the same repository from several threads at once.
 ///
@@ -352,7 +357,8 @@ pub unsafe extern "C" fn kmb_repository_metadata(
     })
 }
 
-/// Turns world x and y into coordinates of the raster's reference system (degrees where it is geographic).
+/// Turns world x and y into coordinates of the raster's reference system (degrees where it is
+/// geographic).
 ///
 /// May be called with the same repository from several threads at once.
 ///
@@ -377,7 +383,8 @@ pub unsafe extern "C" fn kmb_world_to_crs(
     })
 }
 
-/// Turns coordinates of the raster's reference system (degrees where it is geographic) into world x and y.
+/// Turns coordinates of the raster's reference system (degrees where it is geographic) into world x
+/// and y.
 ///
 /// May be called with the same repository from several threads at once.
 ///

@@ -6,18 +6,19 @@ use std::ffi::{CStr, CString, c_char, c_void};
 use super::boundary::boundary;
 use crate::{LogLevel, set_log_callback};
 
-/// Number of this interface: it grows when a program that was compiled against an older header would
-/// no longer work.
+/// Number of this interface: it grows when a program that was compiled against an older header
+/// would no longer work.
 pub const KMB_ABI_VERSION: u32 = 0;
 
-/// What a function answers. Except where a function says otherwise, results are written only with KMB_OK.
+/// What a function answers. Except where a function says otherwise, results are written only with
+/// KMB_OK.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum kmb_status {
     /// Done.
     KMB_OK = 0,
-    /// A pointer is NULL or misaligned, a string is not UTF-8, or a value is outside what the function
-    /// accepts.
+    /// A pointer is NULL or misaligned, a string is not UTF-8, or a value is outside what the
+    /// function accepts.
     KMB_INVALID_ARGUMENT = 1,
     /// The struct_size of a struct is not that of this library's struct.
     KMB_INVALID_STRUCT_SIZE = 2,
@@ -51,9 +52,9 @@ pub enum kmb_log_level {
     KMB_LOG_WARNING = 1,
 }
 
-/// Gets one message, a line without its end. `level` is a kmb_log_level. It may come from any thread, and from
-/// several at once; `message` lives until the callback returns. The callback must not call
-/// kmb_set_log_callback.
+/// Gets one message, a line without its end. `level` is a kmb_log_level. It may come from any
+/// thread, and from several at once; `message` lives until the callback returns. The callback must
+/// not call kmb_set_log_callback.
 pub type kmb_log_callback =
     Option<unsafe extern "C" fn(user: *mut c_void, level: u32, message: *const c_char)>;
 
@@ -99,8 +100,8 @@ pub extern "C" fn kmb_abi_version() -> u32 {
     KMB_ABI_VERSION
 }
 
-/// The name of a status, such as "KMB_DAMAGED", or "unknown status" for any other number. The string is
-/// static.
+/// The name of a status, such as "KMB_DAMAGED", or "unknown status" for any other number. The
+/// string is static.
 ///
 /// May be called from any thread at any time.
 #[unsafe(no_mangle)]
@@ -111,9 +112,9 @@ pub extern "C" fn kmb_status_name(status: i32) -> *const c_char {
     name.map_or(c"unknown status", |name| name).as_ptr()
 }
 
-/// The message of the latest call on this thread that did not answer KMB_OK: one line of UTF-8 with the place (file,
-/// row and column, or argument) and the cause; empty if there was none. The string belongs to the
-/// library and lives until the next such call on this thread, or the thread's end.
+/// The message of the latest call on this thread that did not answer KMB_OK: one line of UTF-8 with
+/// the place (file, row and column, or argument) and the cause; empty if there was none. The string
+/// belongs to the library and lives until the next such call on this thread, or the thread's end.
 ///
 /// May be called from any thread at any time.
 #[unsafe(no_mangle)]
@@ -134,8 +135,8 @@ impl LogUser {
     }
 }
 
-/// Sends all messages of the library to `callback` with `user`; NULL stops them. The library itself prints
-/// nothing. When this returns, the former callback runs nowhere and is called no more.
+/// Sends all messages of the library to `callback` with `user`; NULL stops them. The library itself
+/// prints nothing. When this returns, the former callback runs nowhere and is called no more.
 ///
 /// May be called from any thread, but not from within the callback.
 ///

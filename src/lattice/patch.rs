@@ -131,7 +131,7 @@ impl PatchGrid {
             }
             // A strip's triangle at an even place keeps its order, at an odd one it is turned over. The
             // row's first triangle (near 0, far 0, near 1) is turned over against the list's.
-            if (strip.len() % 2 == 0) != self.flipped {
+            if strip.len().is_multiple_of(2) != self.flipped {
                 strip.push(start);
             }
             strip.push(start);

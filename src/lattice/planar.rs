@@ -215,7 +215,7 @@ impl Lattice {
     fn unit_placement(&self, diamond: Diamond) -> Placement {
         let (x, y) = (i64::from(diamond.x), i64::from(diamond.y));
         let half = half_extent(diamond.level());
-        if diamond.level() % 2 == 0 {
+        if diamond.level().is_multiple_of(2) {
             return Placement {
                 origin: [x - half, y - half],
                 ax: [2 * half, 0],

@@ -1,17 +1,13 @@
 //! A flight without a picture: what every frame costs, and whether its surface has cracks.
 
+use super::bands::Bands;
 use super::cracks::count_cracks;
 use super::{Progress, flight, quantile};
-use crate::cut::{Cut, CutOptions, DiamondSource, Query, Stats, Terrain, VertexForm};
+use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, VertexForm, Window};
 use crate::schedule::Budget;
 use crate::{Error, Result};
-use std::cell::RefCell;
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Decoded data that the look-up of voids may hold.
-const QUERY_BYTES: u64 = 64 << 20;
 
 /// How to fly.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,7 +68,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         microseconds: flight.budget_microseconds.unwrap_or(u64::MAX),
         ..Budget::UNLIMITED
     };
-    let voids = RefCell::new(Voids::new(terrain));
+    let voids = Voids::new(terrain)?;
     let mut log = Log::default();
     for (frame, view) in views.iter().enumerate() {
         if !progress(frame as u64, views.len() as u64) {
@@ -84,9 +80,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         // As a program that draws would, so that the lists of changes do not pile up.
         cut.take_changes();
         let patches = cut.all_patches().map(Arc::as_ref);
-        let cracks = count_cracks(patches, terrain.lattice(), |a, b| {
-            voids.borrow_mut().may_border(a, b)
-        });
+        let cracks = count_cracks(patches, terrain.lattice(), |a, b| voids.may_border(a, b));
         log.add(&stats, microseconds, cracks);
     }
     Ok(log.report())
@@ -113,42 +107,65 @@ fn check(flight: &Flight) -> Result<()> {
 
 /// Where triangles may be missing.
 struct Voids {
-    query: Query,
-    /// Segments that were asked for: most come again in the next frame.
-    known: HashMap<[[i64; 2]; 2], bool>,
+    width: i64,
+    height: i64,
+    /// One bit a sample, row by row; empty where the terrain has no void.
+    bits: Vec<u64>,
 }
 
 impl Voids {
-    fn new(terrain: &Arc<Terrain>) -> Voids {
-        Voids {
-            query: Query::new(terrain.clone(), QUERY_BYTES),
-            known: HashMap::new(),
+    fn new(terrain: &Terrain) -> Result<Voids> {
+        let info = terrain.raster_info();
+        let (width, height) = (i64::from(info.width), i64::from(info.height));
+        let mut voids = Voids {
+            width,
+            height,
+            bits: Vec::new(),
+        };
+        if terrain.header().void_samples == 0 {
+            return Ok(voids);
         }
+        voids.bits = vec![0; (width * height) as usize / 64 + 1];
+        let window = Window {
+            column: 0,
+            row: 0,
+            width: info.width,
+            height: info.height,
+        };
+        let mut bands = Bands::new(terrain, terrain.lattice().levels(), window);
+        for row in 0..info.height {
+            let first = i64::from(row) * width;
+            for (column, sample) in bands.row(row)?.iter().enumerate() {
+                let place = first as usize + column;
+                voids.bits[place / 64] |= u64::from(sample.is_nan()) << (place % 64);
+            }
+        }
+        Ok(voids)
     }
 
     /// Whether one side of the segment between two vertices may be open: a triangle of samples is missing
     /// where any of its vertices is void, a coarser one only where all are.
-    fn may_border(&mut self, a: [i64; 2], b: [i64; 2]) -> bool {
-        if let Some(&known) = self.known.get(&[a, b]) {
-            return known;
+    fn may_border(&self, a: [i64; 2], b: [i64; 2]) -> bool {
+        if self.bits.is_empty() {
+            return false;
         }
         let low = [0, 1].map(|axis| a[axis].min(b[axis]));
         let high = [0, 1].map(|axis| a[axis].max(b[axis]));
-        let may = if high[0] - low[0] > 1 || high[1] - low[1] > 1 {
-            self.is_void(a) && self.is_void(b)
-        } else {
-            let rows = low[1] - 1..=high[1] + 1;
-            rows.flat_map(|row| (low[0] - 1..=high[0] + 1).map(move |column| [column, row]))
-                .any(|place| self.is_void(place))
-        };
-        self.known.insert([a, b], may);
-        may
+        if high[0] - low[0] > 1 || high[1] - low[1] > 1 {
+            return self.is_void(a) && self.is_void(b);
+        }
+        let rows = low[1] - 1..=high[1] + 1;
+        rows.flat_map(|row| (low[0] - 1..=high[0] + 1).map(move |column| [column, row]))
+            .any(|place| self.is_void(place))
     }
 
-    /// Whether a sample is void or outside. One that cannot be read is not, so that it shows as a crack.
-    fn is_void(&mut self, [column, row]: [i64; 2]) -> bool {
-        let height = self.query.height_at_grid(column as f64, row as f64);
-        matches!(height, Ok(None))
+    /// Whether a sample is void or outside.
+    fn is_void(&self, [column, row]: [i64; 2]) -> bool {
+        if !(0..self.width).contains(&column) || !(0..self.height).contains(&row) {
+            return true;
+        }
+        let place = (row * self.width + column) as usize;
+        self.bits[place / 64] >> (place % 64) & 1 != 0
     }
 }
 

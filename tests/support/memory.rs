@@ -16,16 +16,21 @@ pub struct Raster {
     pub width: u32,
     pub height: u32,
     pub samples: Vec<Option<i32>>,
+    /// Least and greatest sample.
+    pub range: [i32; 2],
 }
 
 impl Raster {
     pub fn new(width: u32, height: u32, sample: impl Fn(i64, i64) -> Option<i32>) -> Raster {
         let at = |k: i64| sample(k % i64::from(width), k / i64::from(width));
-        let samples = (0..i64::from(width) * i64::from(height)).map(at).collect();
+        let samples: Vec<Option<i32>> = (0..i64::from(width) * i64::from(height)).map(at).collect();
+        let valid = || samples.iter().flatten().copied();
+        let range = [valid().min().unwrap_or(0), valid().max().unwrap_or(0)];
         Raster {
             width,
             height,
             samples,
+            range,
         }
     }
 
@@ -36,11 +41,6 @@ impl Raster {
         inside
             .then(|| self.samples[(row * i64::from(self.width) + column) as usize])
             .flatten()
-    }
-
-    fn range(&self) -> [i32; 2] {
-        let valid = || self.samples.iter().flatten().copied();
-        [valid().min().unwrap_or(0), valid().max().unwrap_or(0)]
     }
 }
 
@@ -98,7 +98,7 @@ impl MemorySource {
     fn centres_of(&self, diamond: Diamond, vertices: &Matrix) -> Matrix {
         let cells = self.lattice.cells();
         let mut values = vec![0; cells * cells].into_boxed_slice();
-        let [low, high] = self.raster.range();
+        let [low, high] = self.raster.range;
         predict(cells, &vertices.values, low, high, &mut values);
         let mut valid = vec![0; cells * cells].into_boxed_slice();
         let codable = codable_centres(&self.lattice, diamond);
@@ -136,7 +136,7 @@ impl DiamondSource for MemorySource {
     }
 
     fn range(&self) -> [i32; 2] {
-        self.raster.range()
+        self.raster.range
     }
 
     fn summary(&self, diamond: Diamond, parent_range: [i32; 2]) -> Result<Summary> {
@@ -169,7 +169,7 @@ fn root_of(lattice: &Lattice, raster: &Raster) -> Matrix {
     let samples: Vec<Option<i32>> = (0..side * side)
         .map(|k| raster.at(placement.vertex(k % side, k / side)))
         .collect();
-    let [low, high] = raster.range();
+    let [low, high] = raster.range;
     let middle = ((i64::from(low) + i64::from(high)) / 2) as i32;
     let nearest = |k: usize| {
         let known = (0..side * side).filter(|&other| samples[other].is_some());

@@ -2,10 +2,8 @@
 //!
 //! Takes `data/`, and the folder that `KIMBERLITE_DATA` names; says what it passed over.
 
-mod common;
-
-use common::max_difference;
-use kimberlite::build::source::{RasterSource, SourceOptions, open};
+use crate::rasters::max_difference;
+use kimberlite::build::source::{SourceOptions, open};
 use kimberlite::build::{BuildOptions, build};
 use kimberlite::cut::Terrain;
 use kimberlite::geo::RasterInfo;

@@ -1,17 +1,14 @@
 //! The real repository against the reference model: every vertex of every diamond, its validity, and its
 //! stored error and range.
 
-mod common;
-mod reference;
-
-use common::Raster;
+use crate::rasters::Raster;
+use crate::reference::model::{Model, encode_from};
 use kimberlite::codec::{Matrix, child_vertices};
 use kimberlite::cut::{DiamondSource, Terrain};
 use kimberlite::geo::SampleType;
 use kimberlite::lattice::Diamond;
 use kimberlite::store::Access;
 use proptest::prelude::*;
-use reference::model::{Model, encode_from};
 use std::collections::HashMap;
 
 fn rasters() -> impl Strategy<Value = Raster> {
@@ -65,7 +62,7 @@ fn model_of(raster: &Raster, terrain: &Terrain, bound: i64) -> Model {
     let unit = |sample: &f64| (!sample.is_nan()).then_some(*sample as i64);
     let samples = raster.samples.iter().map(unit).collect();
     let (width, height) = (raster.info.width as usize, raster.info.height as usize);
-    let model = reference::model::Raster::new(width, height, samples);
+    let model = crate::reference::model::Raster::new(width, height, samples);
     let side = terrain.lattice().cells() + 1;
     encode_from(
         &model,

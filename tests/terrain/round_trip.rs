@@ -1,8 +1,6 @@
 //! From a raster to a repository and back: the certified error, exact voids, one output.
 
-mod common;
-
-use common::{Raster, decode, max_difference, message};
+use crate::rasters::{Raster, decode, max_difference, message};
 use kimberlite::cut::{DiamondSource, Query, Terrain, Window, level_step, read_window};
 use kimberlite::geo::SampleType;
 use kimberlite::store::Access;

@@ -1,13 +1,11 @@
 //! The reference model by itself: the lattice's structure, and what makes a legal cut crack-free.
 
-mod reference;
-
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::reference::lattice::{Diamond, Lattice, Point};
+use crate::reference::model::{Decoder, Model, Raster, encode};
 use proptest::prelude::*;
 use proptest::sample::Index as Choice;
-use reference::lattice::{Diamond, Lattice, Point};
-use reference::model::{Decoder, Model, Raster, encode};
 
 /// Width, height and log2 of the cells of domains that exercise the borders.
 const AWKWARD: [(usize, usize, u32); 10] = [

@@ -1,0 +1,7 @@
+//! Properties of cuts: legal, without cracks, within budgets, settled when nothing moves.
+
+mod cases;
+mod properties;
+mod scenes;
+#[path = "../support/mod.rs"]
+mod support;

@@ -1,0 +1,8 @@
+//! Rasters to repositories and back, beside a reference model that shares no code with the library.
+
+mod against_reference;
+mod elevation;
+mod rasters;
+mod reference;
+mod reference_model;
+mod round_trip;
