@@ -87,7 +87,8 @@ struct Stand {
 
 fn stands() -> impl Strategy<Value = Stand> {
     let place = || [-0.3f64..1.3, -0.3f64..1.3];
-    let above = prop_oneof![1.0f64..100.0, 100.0f64..5000.0];
+    // Below 15 the eye may be under the ground.
+    let above = prop_oneof![-150.0f64..100.0, 100.0f64..5000.0];
     (place(), above, place(), 0.3f64..40.0).prop_map(|(at, above, target, tolerance)| Stand {
         at,
         above,
@@ -647,6 +648,31 @@ fn an_eye_that_trembles_at_a_threshold_changes_the_cut_once() {
                 };
             }
             assert!(changed <= 2, "frame {changed}");
+        }
+    }
+}
+
+#[test]
+fn an_eye_that_trembles_at_the_edge_of_the_screen_changes_the_cut_once() {
+    let source = mountains();
+    for start in 0..60 {
+        let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+        for frame in 0..12 {
+            let shake = if frame % 2 == 0 { 0.002 } else { -0.002 };
+            let angle = f64::from(start) * 0.1 + shake;
+            let stand = Stand {
+                at: [0.5, 0.5],
+                above: 50.0,
+                target: [0.5 + 0.5 * angle.cos(), 0.5 + 0.5 * angle.sin()],
+                tolerance: 0.5,
+            };
+            let stats = cut
+                .update(&view(&source, stand), &Budget::UNLIMITED)
+                .unwrap();
+            assert!(
+                frame < 2 || stats.refined + stats.coarsened == 0,
+                "from {start}: {stats:?}"
+            );
         }
     }
 }
