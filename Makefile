@@ -36,6 +36,9 @@ check: build
 	cargo clippy --locked --no-default-features -- -D warnings
 	cargo test --locked
 	ctest --test-dir $(BUILD) --output-on-failure
+	cmake -S . -B $(BUILD)-sanitized -DKMB_SANITIZE=ON
+	cmake --build $(BUILD)-sanitized --parallel 2
+	ctest --test-dir $(BUILD)-sanitized --output-on-failure
 
 sweep: build
 	@test -n "$(DATA)" || { echo "give a folder of rasters: make sweep DATA=folder"; exit 2; }

@@ -376,6 +376,9 @@ impl Graph {
             }
         }
         child.vertices.valid = mask.filter(|mask| mask.contains(&0));
+        // What is over this half is within the bounds of both, though neither need contain the other.
+        let (own, above) = (child.bounds.z, parent.bounds.z);
+        child.halves[half].z = [own[0].max(above[0]), own[1].min(above[1])];
         child.halves[half].has_arrived = true;
         self.draw(child, half);
     }

@@ -48,6 +48,8 @@ pub(super) struct Half {
     pub visible: bool,
     /// World x and y: right angle, end of the first leg, end of the second.
     pub corners: [[f64; 2]; 3],
+    /// World z of all that may be drawn over it, low to high.
+    pub z: [f64; 2],
     /// What is drawn for it; `None` where refined, not arrived, or all void or outside.
     pub patch: Option<Arc<Patch>>,
 }
@@ -89,6 +91,7 @@ impl Node {
                 has_arrived: false,
                 visible: false,
                 corners: ends.map(|(p, q)| corner(apex.vertex(cells, p, q))),
+                z: bounds.z,
                 patch: None,
             }
         };
@@ -146,7 +149,7 @@ impl Node {
     pub fn look(&mut self, projection: &Projection) {
         (self.priority, self.keep) = (0.0, 0.0);
         for half in self.halves.iter_mut().filter(|half| half.has_arrived) {
-            let sight = projection.see(&half.corners, self.bounds.z, self.bounds.error);
+            let sight = projection.see(&half.corners, half.z, self.bounds.error);
             half.visible = sight.visible;
             self.keep = self.keep.max(sight.pixels);
             if sight.visible {

@@ -360,13 +360,9 @@ impl Cut {
             }
             if self.is_parent_of_any(least.item.1, chain) {
                 self.coarsenings.pop();
-                continue;
-            }
-            let upload = self.coarsening_cost(least).upload;
-            if pass.deadline.is_past(Instant::now()) || !self.can_upload(upload, pass) {
+            } else if !self.try_coarsen(least, pass) {
                 return Some(Halt::Interrupted);
             }
-            self.coarsen(least, pass);
         }
     }
 
@@ -444,8 +440,8 @@ impl Cut {
         }
     }
 
-    /// Coarsens unless that would exceed a budget; then the diamond leaves the queue. False when there
-    /// is no time or upload left.
+    /// Coarsens unless that would exceed a budget (a coarse patch may be visible where its finer ones
+    /// were not); then the diamond leaves the queue. False when there is no time or upload left.
     fn try_coarsen(&mut self, entry: Entry, pass: &mut Pass) -> bool {
         let cost = self.coarsening_cost(entry);
         if pass.deadline.is_past(Instant::now()) || !self.can_upload(cost.upload, pass) {

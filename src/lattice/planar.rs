@@ -253,16 +253,14 @@ impl Lattice {
     /// ones any, or all three be outside, as where only the triangle's middle covers the domain's corner.
     pub fn draws(&self, is_leaf: bool, triangle: [[i64; 2]; 3], valid: [bool; 3]) -> bool {
         let last = [i64::from(self.width) - 1, i64::from(self.height) - 1];
-        let begins_before = |measure: fn([i64; 2]) -> i64| {
-            triangle
-                .into_iter()
-                .any(|vertex| measure(vertex) < measure(last))
-        };
-        // The domain has a corner in common with the root square, so that only its far sides, and its
-        // far corner against a turned side, can keep a triangle of the root apart from it.
-        let meets_domain = begins_before(|[column, _]| column)
-            && begins_before(|[_, row]| row)
-            && begins_before(|[column, row]| column + row);
+        let any = |holds: &dyn Fn([i64; 2]) -> bool| triangle.into_iter().any(holds);
+        // Of the domain's corners only the far one can lie within the root square, so that of all turned
+        // lines only one through it can keep a triangle apart from the domain.
+        let meets_domain = any(&|[column, _]| column > 0)
+            && any(&|[_, row]| row > 0)
+            && any(&|[column, _]| column < last[0])
+            && any(&|[_, row]| row < last[1])
+            && any(&|[column, row]| column + row < last[0] + last[1]);
         let has_ground = if is_leaf {
             valid == [true; 3]
         } else {

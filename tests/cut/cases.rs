@@ -149,6 +149,31 @@ fn an_eye_that_trembles_at_a_threshold_changes_the_cut_once() {
 }
 
 #[test]
+fn an_eye_that_trembles_at_the_edge_of_the_screen_changes_the_cut_once() {
+    let source = mountains();
+    for start in 0..60 {
+        let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+        for frame in 0..12 {
+            let shake = if frame % 2 == 0 { 0.002 } else { -0.002 };
+            let angle = f64::from(start) * 0.1 + shake;
+            let stand = Stand {
+                at: [0.5, 0.5],
+                above: 50.0,
+                target: [0.5 + 0.5 * angle.cos(), 0.5 + 0.5 * angle.sin()],
+                tolerance: 0.5,
+            };
+            let stats = cut
+                .update(&view(&source, stand), &Budget::UNLIMITED)
+                .unwrap();
+            assert!(
+                frame < 2 || stats.refined + stats.coarsened == 0,
+                "from {start}: {stats:?}"
+            );
+        }
+    }
+}
+
+#[test]
 fn what_is_out_of_sight_or_needlessly_fine_is_given_back() {
     let source = mountains();
     let mut cut = Cut::new(source.clone(), COMPACT).unwrap();

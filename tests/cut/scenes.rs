@@ -81,7 +81,8 @@ pub struct Stand {
 
 pub fn stands() -> impl Strategy<Value = Stand> {
     let place = || [-0.3f64..1.3, -0.3f64..1.3];
-    let above = prop_oneof![1.0f64..100.0, 100.0f64..5000.0];
+    // Below 15 the eye may be under the ground.
+    let above = prop_oneof![-150.0f64..100.0, 100.0f64..5000.0];
     (place(), above, place(), 0.3f64..40.0).prop_map(|(at, above, target, tolerance)| Stand {
         at,
         above,
