@@ -69,7 +69,10 @@ struct Borders {
 
 impl Borders {
     fn add(&mut self, patch: &Patch, cells: usize, grid: &[Vec<GridVertex>; 3]) {
-        let drawn = patch.indices.as_ref().map(|indices| drawn_edges(indices));
+        let drawn = patch
+            .indices
+            .as_ref()
+            .map(|indices| drawn_edges(indices, grid));
         let is_drawn = |a: usize, b: usize| {
             drawn
                 .as_ref()
@@ -170,12 +173,19 @@ fn sides_of_grid(cells: usize) -> [Vec<GridVertex>; 3] {
     ]
 }
 
-/// Edges of all triangles, the lesser vertex first.
-fn drawn_edges(indices: &[u16]) -> HashSet<(usize, usize)> {
+/// Edges of all triangles between vertices of the sides, the lesser vertex first.
+fn drawn_edges(indices: &[u16], grid: &[Vec<GridVertex>; 3]) -> HashSet<(usize, usize)> {
+    let on_sides = || grid.iter().flatten().map(|vertex| vertex.index);
+    let last = on_sides().max().unwrap_or(0);
+    let mut is_on_side = vec![false; last + 1];
+    for index in on_sides() {
+        is_on_side[index] = true;
+    }
     let triangles = indices.chunks_exact(3);
     let edges = triangles.flat_map(|t| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])]);
     edges
         .map(|(a, b)| (usize::from(a.min(b)), usize::from(a.max(b))))
+        .filter(|&(a, b)| is_on_side[a] && is_on_side[b])
         .collect()
 }
 
