@@ -9,7 +9,7 @@ use crate::codec::{
     codable_centres,
 };
 use crate::lattice::{Diamond, Lattice};
-use crate::store::{DomainKind, EntropyKind, Header, Kind, TransformKind, Writer};
+use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, TransformKind, Writer};
 use crate::transform::Interpolating;
 use crate::{Error, Result};
 use std::path::Path;
@@ -72,6 +72,8 @@ pub fn build(
             "cells must be 16, 32, 64 or 128, not {cells}"
         )));
     }
+    // First of all, so that an output that cannot be written is found before the input is read.
+    let sink = Box::new(FileSink::create(output)?);
     // Each sample is read once, coded once, and measured once for each level's error.
     let samples = u64::from(info.width) * u64::from(info.height);
     let total = samples * (2 + u64::from(lattice.levels()));
@@ -108,7 +110,7 @@ pub fn build(
     let threads = thread_count(options.threads);
     let mut work = Build::new(&lattice, &plane, &units, threads);
     let roots = work.code_root()?;
-    let mut writer = Writer::create(output, &header, &roots, &[])?;
+    let mut writer = Writer::with_sink(output, sink, &header, &roots, &[])?;
     let mut done = samples;
     let mut step = |samples: u64| {
         done += samples;
