@@ -1,7 +1,7 @@
 //! What holds for every terrain, view and budget.
 
 use crate::scenes::*;
-use crate::support::camera::project;
+use crate::support::camera::{VIEWPORT, project};
 use crate::support::memory::{MemorySource, Raster};
 use kimberlite::cut::{Cut, DiamondSource, Patch};
 use kimberlite::schedule::Budget;
@@ -115,7 +115,8 @@ proptest! {
             let (finest, depth) = project(&view, source.world([column, row], f64::from(sample)));
             let drawn = surface.height([column, row]);
             let on_screen = |pixel: [f64; 2], w: f64| {
-                w >= 1.0 && (0.0..=1280.0).contains(&pixel[0]) && (0.0..=1024.0).contains(&pixel[1])
+                w >= 1.0 && (0.0..=VIEWPORT[0]).contains(&pixel[0])
+                    && (0.0..=VIEWPORT[1]).contains(&pixel[1])
             };
             let Some(drawn) = drawn else {
                 let is_lonely = may_be_open(&source.raster, [column, row], [column + 1, row]);
@@ -127,6 +128,32 @@ proptest! {
             if both && (on_screen(finest, depth) || on_screen(own, own_depth)) {
                 let distance = (finest[0] - own[0]).hypot(finest[1] - own[1]);
                 prop_assert!(distance <= stand.tolerance * (1.0 + 1e-9), "{} pixels", distance);
+            }
+        }
+    }
+
+    #[test]
+    fn no_height_error_looks_larger_than_its_bound(
+        (stand, error) in (stands(), 1.0f64..300.0),
+        points in prop::collection::vec(([0.0f64..1.0, 0.0f64..1.0], 0.0f64..1.0, -1.0f64..1.0), 400),
+    ) {
+        let source = Arc::new(MemorySource::rough(hills(9, 9, 1, Voids::None), 2, error));
+        let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+        let view = view(&source, stand);
+        let frozen = Budget { refinements: 0, ..Budget::UNLIMITED };
+        let bound = cut.update(&view, &frozen).unwrap().largest_error;
+        let [low, high] = source.range().map(f64::from);
+        for ([x, y], z, shift) in points {
+            let unit = low + z * (high - low);
+            let moved = (unit + shift * error).clamp(low, high);
+            let [x, y] = source.frame().grid_to_world(8.0 * x, 8.0 * y);
+            let [a, b] = [unit, moved].map(|unit| project(&view, [x, y, 100.0 + 0.5 * unit]));
+            let on_screen = |[x, y]: [f64; 2]| {
+                (0.0..=VIEWPORT[0]).contains(&x) && (0.0..=VIEWPORT[1]).contains(&y)
+            };
+            if a.1 >= 1.0 && b.1 >= 1.0 && (on_screen(a.0) || on_screen(b.0)) {
+                let distance = (a.0[0] - b.0[0]).hypot(a.0[1] - b.0[1]);
+                prop_assert!(distance <= bound * (1.0 + 1e-9), "{} over {}", distance, bound);
             }
         }
     }
