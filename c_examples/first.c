@@ -39,7 +39,8 @@ int main(int argc, char **argv)
     if (kmb_cut_update(cut, &view, NULL, NULL) || kmb_cut_patches(cut, &patches, &patch_count)
         || kmb_cut_triangle_list(cut, &indices, &count))
         return fprintf(stderr, "%s\n", kmb_last_error()), 1;
-    OSMesaMakeCurrent(OSMesaCreateContextExt(OSMESA_RGBA, 24, 0, 0, NULL), pixels, GL_UNSIGNED_BYTE, 600, 600);
+    OSMesaContext context = OSMesaCreateContextExt(OSMESA_RGBA, 24, 0, 0, NULL);
+    OSMesaMakeCurrent(context, pixels, GL_UNSIGNED_BYTE, 600, 600);
     OSMesaPixelStore(OSMESA_Y_UP, 0);
     glEnable(GL_DEPTH_TEST);
     glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
@@ -52,6 +53,7 @@ int main(int argc, char **argv)
     if (file) fprintf(file, "P6 600 600 255\n");
     for (size_t i = 0; file && i < 600 * 600; i++) fwrite(pixels[i], 1, 3, file);
     if (file) fclose(file);
+    OSMesaDestroyContext(context);
     kmb_cut_destroy(cut);
     kmb_repository_close(repository);
     return printf("%zu patches: %s\n", patch_count, argv[2]) < 0;
