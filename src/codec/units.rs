@@ -152,11 +152,6 @@ impl Units {
         if up <= high { up } else { down }
     }
 
-    /// A physical length in sample units for an error or height difference in units.
-    pub fn scaled(&self, units: f64) -> f64 {
-        units * self.scale
-    }
-
     /// A unit of which every sample is a multiple, exactly as stored: a power of ten or of two from 1
     /// down, or `None`.
     pub fn common_unit(sample_type: SampleType, samples: &[f64]) -> Option<f64> {

@@ -142,13 +142,6 @@ impl PatchGrid {
         strip
     }
 
-    /// The triangles for which `drawn` holds, given their three vertex indices.
-    pub fn selected_triangles(&self, mut drawn: impl FnMut([u16; 3]) -> bool) -> Vec<u16> {
-        let list = self.triangle_list();
-        let triangles = list.chunks_exact(3).filter(|t| drawn([t[0], t[1], t[2]]));
-        triangles.flatten().copied().collect()
-    }
-
     fn wound(&self, corners: [(usize, usize); 3]) -> [u16; 3] {
         let [a, b, c] = corners.map(|(p, q)| self.vertex(p, q));
         if self.flipped { [a, c, b] } else { [a, b, c] }
