@@ -6,6 +6,7 @@ mod bounds;
 mod mask;
 mod matrix;
 mod roots;
+pub mod training;
 mod units;
 
 pub use block::{BlockCodec, BlockError, block_length_unit};

@@ -63,6 +63,11 @@ impl<'a> BitReader<'a> {
         BitReader { bytes, position: 0 }
     }
 
+    /// Starts at a bit of `bytes`.
+    pub fn at(bytes: &'a [u8], position: usize) -> BitReader<'a> {
+        BitReader { bytes, position }
+    }
+
     /// Bits read or skipped so far; may lie after the end.
     #[inline]
     pub fn position(&self) -> usize {

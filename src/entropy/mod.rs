@@ -1,8 +1,14 @@
-//! Bits: a quadtree coder for sparse matrices of integers, and an adaptive binary coder.
+//! Bits: a quadtree coder for sparse matrices of integers, a coder of symbols in contexts with static
+//! tables, and an adaptive binary coder.
 
 pub mod binary;
 pub mod bits;
+pub mod frequency;
 pub mod gamma;
+pub mod rans;
+#[cfg(target_arch = "x86_64")]
+mod rans_avx2;
+pub mod token;
 
 /// Why bytes cannot be what a coder of this room wrote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -16,6 +22,9 @@ pub enum Error {
         /// First bit after the last code, from 0.
         position: usize,
     },
+    /// A lane of an interleaved coder does not end where it must.
+    #[error("its states do not end as they must")]
+    Disagreement,
     /// An Elias gamma code stands for more than an `i32`.
     #[error("the code at bit {position} exceeds 32 bits")]
     Overlong {

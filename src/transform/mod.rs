@@ -1,5 +1,6 @@
 //! Floor 1: prediction and reconstruction on one diamond. Knows no bytes and no files.
 
+pub mod adaptive;
 mod interpolating;
 mod neville;
 

@@ -1,0 +1,212 @@
+//! Fitting the numbers of the trained predictor to a data set.
+//!
+//! Sums are taken in a fixed order and nothing is fused, so that every machine finds the same weights.
+
+use crate::transform::adaptive::{ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights, Word};
+
+/// Rounds of fitting: two for the activity, one to see where it lies, one for each class.
+pub const ROUNDS: usize = 4;
+/// Quarter octaves of 31 bits.
+const QUARTERS: usize = 128;
+/// Weight of an activity of one quarter of a unit.
+const ACTIVITY_UNIT: f64 = 256.0;
+/// Largest weight.
+const GREATEST: f64 = 8191.0;
+/// Samples of a class below which its weights lean on those of all classes.
+const FEW_SAMPLES: f64 = 2000.0;
+
+/// Normal equations of a weighted least squares problem in `N` unknowns.
+#[derive(Clone)]
+struct Equations<const N: usize> {
+    matrix: [[f64; N]; N],
+    right: [f64; N],
+    count: f64,
+}
+
+impl<const N: usize> Equations<N> {
+    fn new() -> Self {
+        Equations {
+            matrix: [[0.0; N]; N],
+            right: [0.0; N],
+            count: 0.0,
+        }
+    }
+
+    fn add(&mut self, numbers: &[i32; N], target: f64, weight: f64) {
+        let numbers = numbers.map(f64::from);
+        for (row, &number) in self.matrix.iter_mut().zip(&numbers) {
+            let scaled = number * weight;
+            for (entry, &other) in row.iter_mut().zip(&numbers) {
+                *entry += scaled * other;
+            }
+        }
+        for (entry, &number) in self.right.iter_mut().zip(&numbers) {
+            *entry += number * weight * target;
+        }
+        self.count += 1.0;
+    }
+
+    fn merge(&mut self, other: &Self) {
+        for (row, other) in self.matrix.iter_mut().zip(&other.matrix) {
+            for (entry, other) in row.iter_mut().zip(other) {
+                *entry += other;
+            }
+        }
+        for (entry, other) in self.right.iter_mut().zip(&other.right) {
+            *entry += other;
+        }
+        self.count += other.count;
+    }
+
+    /// The solution nearest to `prior`, which counts as `strength` of the mean diagonal.
+    fn solve(&self, prior: &[f64; N], strength: f64) -> [f64; N] {
+        let mut matrix = self.matrix;
+        let mut right = self.right;
+        for i in 0..N {
+            let pull = matrix[i][i] * strength + 1e-9;
+            matrix[i][i] += pull;
+            right[i] += pull * prior[i];
+        }
+        for i in 0..N {
+            for j in i + 1..N {
+                let factor = matrix[j][i] / matrix[i][i];
+                for k in i..N {
+                    matrix[j][k] -= factor * matrix[i][k];
+                }
+                right[j] -= factor * right[i];
+            }
+        }
+        for i in (0..N).rev() {
+            for k in i + 1..N {
+                right[i] -= matrix[i][k] * right[k];
+            }
+            right[i] /= matrix[i][i];
+        }
+        right
+    }
+}
+
+/// Finds weights in rounds, each of which sees the same samples by the weights of the one before.
+pub struct Trainer {
+    weights: Weights,
+    /// The quantiser's step in quarters of a unit.
+    step: f64,
+    round: usize,
+}
+
+/// What one round saw; several can be put together.
+#[derive(Clone)]
+pub struct Fit {
+    prediction: Vec<Equations<FEATURES>>,
+    activity: Equations<ACTIVITIES>,
+    /// How often each quarter octave of activity came.
+    quarters: [u64; QUARTERS],
+}
+
+impl Fit {
+    /// Nothing seen yet.
+    pub fn new() -> Fit {
+        Fit {
+            prediction: vec![Equations::new(); CLASSES],
+            activity: Equations::new(),
+            quarters: [0; QUARTERS],
+        }
+    }
+
+    /// Adds what another part of the same round saw.
+    pub fn merge(&mut self, other: &Fit) {
+        for (own, other) in self.prediction.iter_mut().zip(&other.prediction) {
+            own.merge(other);
+        }
+        self.activity.merge(&other.activity);
+        for (own, other) in self.quarters.iter_mut().zip(&other.quarters) {
+            *own += other;
+        }
+    }
+}
+
+impl Trainer {
+    /// Begins with the fixed rule, for a quantiser with this step in units.
+    pub fn new(step: i64) -> Trainer {
+        Trainer {
+            weights: Weights::fixed(),
+            step: 4.0 * step as f64,
+            round: 0,
+        }
+    }
+
+    /// The weights so far.
+    pub fn weights(&self) -> &Weights {
+        &self.weights
+    }
+
+    /// Takes in a sample: what was known of it, and by how much, in quarters of a shifted unit, it differs
+    /// from the prediction by order 2 and from that of the weights so far.
+    pub fn see<T: Word>(
+        &self,
+        fit: &mut Fit,
+        sight: &Sight,
+        from_order_two: f64,
+        residual: f64,
+        shift: u32,
+    ) {
+        let step = self.step / f64::from(1u32 << shift.min(30));
+        let activity = sight.activity::<T>(&self.weights);
+        let quarter = Weights::quarter(activity);
+        fit.quarters[quarter as usize % QUARTERS] += 1;
+        // A miss tells less where the surface is rough, and nothing below the quantiser's step.
+        let rough = if self.round == 0 {
+            let parts = sight.activities.iter().map(|&part| f64::from(part));
+            4.0 + 0.1 * parts.sum::<f64>()
+        } else {
+            f64::from(activity) / ACTIVITY_UNIT
+        };
+        let scale = rough + 0.3 * step;
+        let class = Weights::class(self.weights.context(activity));
+        let weight = 1.0 / (0.3 * residual * residual + scale * scale);
+        fit.prediction[class].add(&sight.features, from_order_two, weight);
+        let scale = scale + 0.1 * step;
+        let weight = 1.0 / (0.3 * residual * residual + scale * scale);
+        fit.activity.add(&sight.activities, residual.abs(), weight);
+    }
+
+    pub fn see_dyn<T: Word>(&self, n: &crate::transform::adaptive::Neighbourhood<T>, fit: &mut Fit, sight: &Sight, a: f64, b: f64) {
+        self.see::<T>(fit, sight, a, b, n.shift());
+    }
+
+    /// Ends a round.
+    pub fn learn(&mut self, fit: &Fit) {
+        let mut all = Equations::new();
+        for class in &fit.prediction {
+            all.merge(class);
+        }
+        let general = all.solve(&[0.0; FEATURES], 1e-5);
+        for (class, equations) in fit.prediction.iter().enumerate() {
+            let few = FEW_SAMPLES / (FEW_SAMPLES + equations.count);
+            let own = if self.round + 1 < ROUNDS {
+                general
+            } else {
+                equations.solve(&general, 1e-5 + 0.1 * few)
+            };
+            let unit = f64::from(1u32 << WEIGHT_BITS);
+            for (weights, own) in self.weights.prediction.iter_mut().zip(own) {
+                weights[class] = (own * unit).round().clamp(-GREATEST, GREATEST) as i16;
+            }
+        }
+        if self.round + 2 < ROUNDS {
+            let activity = fit.activity.solve(&[0.0; ACTIVITIES], 1e-5);
+            self.weights.activity =
+                activity.map(|part| (part * ACTIVITY_UNIT).round().clamp(-GREATEST, GREATEST) as i16);
+        } else if self.round + 2 == ROUNDS {
+            self.weights.first_context = first_context(&fit.quarters);
+        }
+        self.round += 1;
+    }
+}
+
+/// The first of the consecutive quarter octaves, as many as there are contexts, that hold the most samples.
+fn first_context(quarters: &[u64; QUARTERS]) -> i32 {
+    let held = |first: usize| quarters[first..first + CONTEXTS].iter().sum::<u64>();
+    let best = (0..QUARTERS - CONTEXTS).rev().max_by_key(|&first| held(first));
+    best.unwrap_or(0) as i32
+}

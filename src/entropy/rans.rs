@@ -1,0 +1,291 @@
+//! Interleaved range asymmetric numeral systems with static tables (Duda 2013; Giesen 2014).
+//!
+//! A state x in [2^11, 2^27) holds the future of one lane. Decoding a symbol of frequency f whose slots
+//! begin at s: `x = f * (x >> 11) + (x & 2047) - s`; below 2^11 the state takes in a word of 16 bits.
+//! The symbols go round the lanes; every lane ends at 2^11, which tells damaged bytes apart.
+//!
+//! A block is the states of its lanes, then words, then raw bits from its end backwards.
+
+use super::Error;
+use super::bits::{BitReader, BitWriter};
+use super::frequency::{Frequencies, PRECISION, SLOTS};
+use super::token;
+
+/// Lanes of a block of at least [`LONG_BLOCK`] bytes.
+pub const LANES: usize = 8;
+/// Lanes of a shorter block: the end of each costs about 15 bits.
+pub const FEW_LANES: usize = 2;
+/// Bytes from which on a block has [`LANES`] lanes.
+pub const LONG_BLOCK: usize = 640;
+/// Where every state ends, and the least that one is between two symbols.
+pub(super) const LEAST: u32 = SLOTS as u32;
+/// Bits of a state's bit length, less those of [`LEAST`].
+const LENGTH_BITS: u32 = 4;
+
+/// The tables of some contexts, made for decoding and encoding. One more context than was given is
+/// there: the last one, in which every symbol is 0 and costs nothing.
+pub struct Tables {
+    /// For each context its 2048 slots: symbol, frequency less one << 8, slot less first slot << 19.
+    pub(super) slots: Vec<u32>,
+    /// For each context the first slot and the frequency of each symbol.
+    ranges: Vec<[(u16, u16); token::SYMBOLS]>,
+}
+
+impl Tables {
+    /// Tables for contexts with these frequencies.
+    pub fn new(contexts: &[&Frequencies]) -> Tables {
+        let sure = Frequencies::certain(0);
+        let mut tables = Tables {
+            slots: Vec::with_capacity((contexts.len() + 1) * SLOTS),
+            ranges: Vec::with_capacity(contexts.len() + 1),
+        };
+        for frequencies in contexts.iter().copied().chain([&sure]) {
+            let mut ranges = [(0, 0); token::SYMBOLS];
+            let mut first = 0u16;
+            for (symbol, frequency) in frequencies.iter() {
+                ranges[usize::from(symbol)] = (first, frequency);
+                let entry = |slot| u32::from(symbol) | u32::from(frequency - 1) << 8 | slot << 19;
+                tables.slots.extend((0..u32::from(frequency)).map(entry));
+                first += frequency;
+            }
+            tables.ranges.push(ranges);
+        }
+        tables
+    }
+
+    /// The context in which every symbol is 0 and costs nothing.
+    pub fn sure_context(&self) -> u8 {
+        (self.ranges.len() - 1) as u8
+    }
+}
+
+/// Bytes of coefficients, each with the context that it is coded in: a whole number of times
+/// `multiple` of them.
+///
+/// # Panics
+/// If a context has no table.
+pub fn encode(tables: &Tables, contexts: &[u8], coefficients: &[i32], multiple: usize) -> Vec<u8> {
+    let (mut symbols, mut raw) = (Vec::with_capacity(contexts.len()), BitWriter::new());
+    for (&context, &coefficient) in contexts.iter().zip(coefficients) {
+        let range = &tables.ranges[usize::from(context)];
+        let (mut symbol, mut bits, mut count) = token::split(coefficient);
+        if range[usize::from(symbol)].1 == 0 {
+            (symbol, bits, count) = (token::ESCAPE, coefficient as u32, 32);
+        }
+        symbols.push(range[usize::from(symbol)]);
+        raw.put(u64::from(bits), count);
+    }
+    let mut raw = raw.into_bytes();
+    raw.reverse();
+    let mut bytes = interleave::<LANES>(&symbols);
+    let mut least = LONG_BLOCK;
+    if bytes.len() + raw.len() < LONG_BLOCK {
+        let short = interleave::<FEW_LANES>(&symbols);
+        if short.len() + raw.len() + multiple <= LONG_BLOCK {
+            (bytes, least) = (short, 0);
+        }
+    }
+    let length = (bytes.len() + raw.len()).next_multiple_of(multiple).max(least);
+    bytes.resize(length - raw.len(), 0);
+    bytes.extend(raw);
+    bytes
+}
+
+/// States and words of the slot ranges of some symbols.
+fn interleave<const COUNT: usize>(symbols: &[(u16, u16)]) -> Vec<u8> {
+    let mut states = [LEAST; COUNT];
+    let mut words = Vec::with_capacity(symbols.len() / 4);
+    for (index, &(first, frequency)) in symbols.iter().enumerate().rev() {
+        let state = &mut states[index % COUNT];
+        let frequency = u32::from(frequency);
+        if *state >= frequency << 16 {
+            words.push(*state as u16);
+            *state >>= 16;
+        }
+        *state = ((*state / frequency) << PRECISION) + *state % frequency + u32::from(first);
+    }
+    let mut head = BitWriter::new();
+    for state in states {
+        let length = state.ilog2();
+        head.put(u64::from(length - PRECISION), LENGTH_BITS);
+        head.put(u64::from(state) & ((1 << length) - 1), length);
+    }
+    let mut bytes = head.into_bytes();
+    bytes.extend(words.iter().rev().flat_map(|word| word.to_le_bytes()));
+    bytes
+}
+
+/// Reads a block row by row.
+pub struct Decoder<'a> {
+    tables: &'a Tables,
+    /// The block and some zeros.
+    bytes: &'a [u8],
+    /// Bytes of the block.
+    length: usize,
+    states: [u32; LANES],
+    lanes: usize,
+    /// Next word; may lie beyond the block, where words are 0.
+    position: usize,
+    /// Symbols decoded so far.
+    decoded: usize,
+    raw: RawBits,
+    vectors: bool,
+}
+
+/// Raw bits from the end of a block, turned round when the first is asked for.
+#[derive(Default)]
+struct RawBits {
+    reversed: Option<Vec<u8>>,
+    position: usize,
+}
+
+/// Zeros that a block is followed by while it is decoded.
+const PADDING: usize = 16;
+
+impl<'a> Decoder<'a> {
+    /// A decoder at the first symbol of a block; `scratch` holds it while it is decoded. `vectors`
+    /// allows what the processor has; without it the portable code runs, to the same result.
+    pub fn new(
+        tables: &'a Tables,
+        block: &[u8],
+        scratch: &'a mut Vec<u8>,
+        vectors: bool,
+    ) -> Decoder<'a> {
+        scratch.clear();
+        scratch.extend_from_slice(block);
+        scratch.resize(block.len() + PADDING, 0);
+        let lanes = if block.len() >= LONG_BLOCK { LANES } else { FEW_LANES };
+        let mut states = [LEAST; LANES];
+        let mut head = BitReader::new(block);
+        for state in &mut states[..lanes] {
+            let length = head.get(LENGTH_BITS) as u32 + PRECISION;
+            *state = 1 << length | head.get(length) as u32;
+        }
+        Decoder {
+            tables,
+            bytes: scratch,
+            length: block.len(),
+            states,
+            lanes,
+            position: head.position().div_ceil(8),
+            decoded: 0,
+            raw: RawBits::default(),
+            vectors: vectors && simd::available(),
+        }
+    }
+
+    /// The next coefficients, as many as there are contexts. Any bytes give some.
+    ///
+    /// # Panics
+    /// If a context has no table, or `coefficients` is shorter than `contexts`.
+    pub fn decode(&mut self, contexts: &[u8], coefficients: &mut [i32]) {
+        let last = contexts.iter().copied().max().unwrap_or(0);
+        assert!(last <= self.tables.sure_context() && contexts.len() <= coefficients.len());
+        let whole = contexts.len().is_multiple_of(LANES) && self.decoded.is_multiple_of(LANES);
+        let greatest = if self.vectors && whole && self.lanes == LANES {
+            simd::decode(self, contexts, coefficients)
+        } else {
+            self.decode_scalar(contexts, coefficients)
+        };
+        self.decoded += contexts.len();
+        if greatest >= i32::from(token::FIRST_RAW) {
+            for coefficient in &mut coefficients[..contexts.len()] {
+                *coefficient = self.raw.join(*coefficient as u8, &self.bytes[..self.length]);
+            }
+        } else {
+            for coefficient in &mut coefficients[..contexts.len()] {
+                *coefficient = token::small(*coefficient as u8);
+            }
+        }
+    }
+
+    /// Symbols of the next contexts; returns the greatest.
+    fn decode_scalar(&mut self, contexts: &[u8], symbols: &mut [i32]) -> i32 {
+        let mut greatest = 0;
+        for (index, (&context, symbol)) in contexts.iter().zip(symbols).enumerate() {
+            let state = &mut self.states[(self.decoded + index) % self.lanes];
+            let slot = *state as usize % SLOTS;
+            let entry = self.tables.slots[usize::from(context) * SLOTS + slot];
+            let frequency = (entry >> 8 & (SLOTS as u32 - 1)) + 1;
+            *state = frequency * (*state >> PRECISION) + (entry >> 19);
+            if *state < LEAST {
+                let word = self.bytes.get(self.position..).and_then(|rest| rest.first_chunk());
+                *state = *state << 16 | u32::from(word.map_or(0, |word| u16::from_le_bytes(*word)));
+                self.position += 2;
+            }
+            *symbol = (entry & 255) as i32;
+            greatest = greatest.max(*symbol);
+        }
+        greatest
+    }
+
+    /// Checks that the block held these symbols and nothing else.
+    ///
+    /// # Errors
+    /// [`Error::Truncated`] or [`Error::Surplus`] where words and raw bits overlap or something lies between
+    /// them; [`Error::Disagreement`] where a state does not end as it must.
+    pub fn finish(self) -> Result<(), Error> {
+        let raw = self.raw.position.div_ceil(8);
+        let Some(gap) = self.length.checked_sub(raw).filter(|&end| self.position <= end) else {
+            return Err(Error::Truncated);
+        };
+        if self.bytes[self.position..gap].iter().any(|&byte| byte != 0) {
+            return Err(Error::Surplus { position: 8 * self.position });
+        }
+        if self.states.iter().any(|&state| state != LEAST) {
+            return Err(Error::Disagreement);
+        }
+        Ok(())
+    }
+}
+
+impl RawBits {
+    fn join(&mut self, symbol: u8, block: &[u8]) -> i32 {
+        let count = token::raw_bits(symbol);
+        if count == 0 {
+            return token::small(symbol);
+        }
+        let bytes = self.reversed.get_or_insert_with(|| block.iter().rev().copied().collect());
+        let mut reader = BitReader::at(bytes, self.position);
+        let raw = reader.get(count) as u32;
+        self.position = reader.position();
+        token::join(symbol, raw)
+    }
+}
+
+/// Eight lanes at once, where the processor can.
+mod simd {
+    use super::Decoder;
+
+    #[cfg(target_arch = "x86_64")]
+    pub(super) fn available() -> bool {
+        std::arch::is_x86_feature_detected!("avx2")
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    pub(super) fn available() -> bool {
+        false
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    pub(super) fn decode(decoder: &mut Decoder, contexts: &[u8], symbols: &mut [i32]) -> i32 {
+        use super::super::rans_avx2::{Lanes, decode};
+        let mut lanes = Lanes {
+            states: decoder.states,
+            position: decoder.position,
+        };
+        // SAFETY: `available` was asked when the decoder was made; the caller has checked that contexts
+        // have tables and that symbols are as many, a multiple of eight.
+        let greatest = unsafe {
+            decode(&mut lanes, &decoder.tables.slots, decoder.bytes, contexts, symbols)
+        };
+        decoder.states = lanes.states;
+        decoder.position = lanes.position;
+        greatest
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    pub(super) fn decode(decoder: &mut Decoder, contexts: &[u8], symbols: &mut [i32]) -> i32 {
+        decoder.decode_scalar(contexts, symbols)
+    }
+}

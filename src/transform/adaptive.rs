@@ -1,0 +1,452 @@
+//! The trained predictor: a centre from its vertices and from the centres of the rows before.
+//!
+//! Centres are visited row by row. Everything about a row follows from the vertices and from rows that
+//! are complete, so a whole row is computed at once, in vectors. From the same numbers comes the
+//! activity of a centre, which tells how far its prediction may be off, and with it the context of its
+//! entropy code.
+//!
+//! Heights are taken relative to the middle of the diamond's vertices and shifted down until they fit
+//! a [`Word`]; with words of 16 bits the shift is 0 unless a diamond spans more than 16382 units.
+
+/// Numbers that a prediction is a weighted sum of.
+pub const FEATURES: usize = 16;
+/// Numbers that an activity is a weighted sum of.
+pub const ACTIVITIES: usize = 12;
+/// Bits after the binary point of a prediction's weight.
+pub const WEIGHT_BITS: u32 = 10;
+/// Classes of activity, each with weights of its own: one an octave.
+pub const CLASSES: usize = 8;
+/// Contexts that an activity is sorted into: four an octave.
+pub const CONTEXTS: usize = 4 * CLASSES;
+
+/// Trained numbers of the predictor, for the diamonds of some levels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Weights {
+    /// For each feature its weight in each class, in 2^-10.
+    pub prediction: [[i16; CLASSES]; FEATURES],
+    /// For each part of the activity its weight.
+    pub activity: [i16; ACTIVITIES],
+    /// Quarter octaves of activity below which the context is 0.
+    pub first_context: i32,
+}
+
+impl Weights {
+    /// Order 4 wherever it is, and contexts by the roughness around.
+    pub fn fixed() -> Weights {
+        let mut prediction = [[0; CLASSES]; FEATURES];
+        prediction[0] = [-(1 << (WEIGHT_BITS - 3)); CLASSES];
+        prediction[1] = prediction[0];
+        let mut activity = [16; ACTIVITIES];
+        activity[ACTIVITIES - 1] = 64;
+        Weights {
+            prediction,
+            activity,
+            first_context: 40,
+        }
+    }
+
+    /// The quarter octave of 31 bits that an activity lies in.
+    #[inline(always)]
+    pub fn quarter(activity: i32) -> i32 {
+        // A float's exponent and the upper bits of its mantissa.
+        ((activity.max(1) as f32).to_bits() >> 21) as i32 - 4 * 127
+    }
+
+    /// Context of an activity: the quarter octave that it lies in, from the first one.
+    #[inline(always)]
+    pub fn context(&self, activity: i32) -> usize {
+        (Self::quarter(activity) - self.first_context).clamp(0, CONTEXTS as i32 - 1) as usize
+    }
+
+    /// Class of a context.
+    #[inline(always)]
+    pub fn class(context: usize) -> usize {
+        context / (CONTEXTS / CLASSES)
+    }
+}
+
+/// Integers that a diamond's relative heights are kept in.
+pub trait Word: Copy + Default + Send + Sync {
+    /// Largest magnitude of a relative height; four of them still fit.
+    const REACH: i32;
+    /// Largest magnitude of any number that is kept.
+    const LIMIT: i32;
+    /// From a number within the limit.
+    fn narrow(value: i32) -> Self;
+    /// As 32 bits.
+    fn wide(self) -> i32;
+    /// The low bits of a number that arithmetic on words leaves.
+    fn wrap(value: i64) -> i64;
+}
+
+impl Word for i16 {
+    const REACH: i32 = 8191;
+    const LIMIT: i32 = 32767;
+    #[inline(always)]
+    fn narrow(value: i32) -> i16 {
+        value as i16
+    }
+    #[inline(always)]
+    fn wide(self) -> i32 {
+        i32::from(self)
+    }
+    /// Sums are kept in 32 bits, as vectors keep them.
+    #[inline(always)]
+    fn wrap(value: i64) -> i64 {
+        i64::from(value as i32)
+    }
+}
+
+impl Word for i32 {
+    const REACH: i32 = (1 << 26) - 1;
+    const LIMIT: i32 = (1 << 28) - 1;
+    #[inline(always)]
+    fn narrow(value: i32) -> i32 {
+        value
+    }
+    #[inline(always)]
+    fn wide(self) -> i32 {
+        self
+    }
+    #[inline(always)]
+    fn wrap(value: i64) -> i64 {
+        value
+    }
+}
+
+/// What is known of a centre before it is coded; all heights in quarters of a shifted unit.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    /// Prediction by order 2: the sum of the 4 nearest vertices.
+    pub order_two: i32,
+    /// How much higher the prediction by order 4 is.
+    pub order_four: i32,
+    /// Differences from the prediction by order 2, whose weighted sum corrects it.
+    pub features: [i32; FEATURES],
+    /// Signs of roughness, none negative.
+    pub activities: [i32; ACTIVITIES],
+}
+
+impl Sight {
+    /// How far off a prediction may be, by these weights.
+    #[inline(always)]
+    pub fn activity<T: Word>(&self, weights: &Weights) -> i32 {
+        let parts = self.activities.iter().zip(&weights.activity);
+        let activity = parts.fold(0, |sum, (&part, &weight)| {
+            sum + i64::from(part) * i64::from(weight)
+        });
+        T::wrap(activity).clamp(0, i64::from(i32::MAX)) as i32
+    }
+
+    /// Where order 4 expects the centre.
+    #[inline(always)]
+    fn expected<T: Word>(&self) -> i32 {
+        saturate::<T>(self.order_two + self.order_four)
+    }
+}
+
+/// To what a word keeps.
+#[inline(always)]
+fn saturate<T: Word>(value: i32) -> i32 {
+    value.clamp(-T::LIMIT - 1, T::LIMIT)
+}
+
+/// Rows and columns of copies around the vertices.
+const RIM: usize = 1;
+/// Zeros around a row of surprises.
+pub(super) const ROW_RIM: usize = 2;
+
+/// A diamond in the making: its vertices, and of the centres what the next row needs.
+pub struct Neighbourhood<T> {
+    pub(super) cells: usize,
+    /// Entries from one row of `vertices` to the next.
+    pub(super) stride: usize,
+    /// The height that a relative 0 stands for.
+    pub(super) base: i32,
+    pub(super) shift: u32,
+    /// Relative vertices with a rim; vertex (i, j) at `(j + 1) * stride + i + 1`.
+    pub(super) vertices: Vec<T>,
+    /// Of the row before, and of the one before it: by how much each centre missed its prediction of
+    /// order 4, in quarters; with a rim of zeros.
+    pub(super) surprises: [Vec<T>; 2],
+    /// Relative centres of the row before.
+    pub(super) above: Vec<T>,
+    /// Activity of the same row in components that are known already, with a rim of zeros.
+    pub(super) companion: Vec<T>,
+    /// The row at hand.
+    pub(super) row: usize,
+}
+
+impl<T: Word> Default for Neighbourhood<T> {
+    fn default() -> Self {
+        Neighbourhood {
+            cells: 0,
+            stride: 0,
+            base: 0,
+            shift: 0,
+            vertices: Vec::new(),
+            surprises: [Vec::new(), Vec::new()],
+            above: Vec::new(),
+            companion: Vec::new(),
+            row: 0,
+        }
+    }
+}
+
+/// Least and greatest of some heights.
+fn extremes(values: &[i32]) -> (i32, i32) {
+    values
+        .iter()
+        .fold((i32::MAX, i32::MIN), |(low, high), &value| {
+            (low.min(value), high.max(value))
+        })
+}
+
+/// Whether the vertices of a diamond fit 16-bit words without a shift.
+pub fn is_narrow(vertices: &[i32]) -> bool {
+    let (low, high) = extremes(vertices);
+    i64::from(high) - i64::from(low) <= 2 * i64::from(i16::REACH)
+}
+
+impl<T: Word> Neighbourhood<T> {
+    /// Starts with the (N+1)^2 vertices of a diamond, at its first row of centres.
+    pub fn start(&mut self, cells: usize, vertices: &[i32]) {
+        let (low, high) = extremes(vertices);
+        let span = i64::from(high) - i64::from(low);
+        self.base = ((i64::from(low) + i64::from(high)) >> 1) as i32;
+        self.shift = 0;
+        while span >> self.shift > 2 * i64::from(T::REACH) {
+            self.shift += 1;
+        }
+        self.cells = cells;
+        self.stride = cells + 1 + 2 * RIM + VECTOR_SLACK;
+        self.row = 0;
+        let (stride, side) = (self.stride, cells + 1);
+        self.vertices.clear();
+        self.vertices
+            .resize((side + 2 * RIM) * stride + VECTOR_SLACK, T::default());
+        for (j, row) in vertices.chunks_exact(side).enumerate() {
+            let start = (j + RIM) * stride;
+            for (i, &vertex) in row.iter().enumerate() {
+                self.vertices[start + RIM + i] = T::narrow(relative::<T>(vertex, self.base, self.shift));
+            }
+            self.vertices[start] = self.vertices[start + RIM];
+            self.vertices[start + RIM + side] = self.vertices[start + side];
+        }
+        self.vertices.copy_within(stride..2 * stride, 0);
+        self.vertices
+            .copy_within(side * stride..(side + 1) * stride, (side + 1) * stride);
+        let width = cells + 2 * ROW_RIM + VECTOR_SLACK;
+        for row in self
+            .surprises
+            .iter_mut()
+            .chain([&mut self.above, &mut self.companion])
+        {
+            row.clear();
+            row.resize(width, T::default());
+        }
+    }
+
+    /// The height that a relative 0 stands for.
+    pub fn base(&self) -> i32 {
+        self.base
+    }
+
+    /// Bits that relative heights are shifted down by.
+    pub fn shift(&self) -> u32 {
+        self.shift
+    }
+
+    /// What is known of centre `i` of the row at hand.
+    #[inline(always)]
+    pub fn sight(&self, i: usize) -> Sight {
+        let sat = saturate::<T>;
+        let rows: [&[T]; 4] = std::array::from_fn(|j| {
+            let start = (self.row + j) * self.stride + i;
+            &self.vertices[start..start + 4]
+        });
+        let at = |j: usize, i: usize| rows[j][i].wide();
+        let (a, b, d, e) = (at(1, 1), at(1, 2), at(2, 1), at(2, 2));
+        let order_two = a + b + d + e;
+        let beside = sat(at(1, 0) + at(2, 0) + at(1, 3) + at(2, 3) - order_two);
+        let above_below = sat(at(0, 1) + at(0, 2) + at(3, 1) + at(3, 2) - order_two);
+        let corners = sat(at(0, 0) + at(0, 3) + at(3, 0) + at(3, 3) - order_two);
+        let diagonal = (a + e) - (b + d);
+        let outer_diagonal = sat((at(0, 0) + at(3, 3)) - (at(0, 3) + at(3, 0)));
+        let ring = sat(beside + above_below);
+        let order_four = -(ring >> 3);
+        let (low, high) = (a.min(b).min(d.min(e)), a.max(b).max(d.max(e)));
+        let lowest = sat(4 * low - order_two);
+        let highest = sat(4 * high - order_two);
+        let (slope_a, slope_b) = ((a - e).abs(), (b - d).abs());
+        let steadier = diagonal * (slope_b - slope_a).signum();
+        let middle = sat(order_two - 2 * (low + high));
+        let median = order_four.clamp(-diagonal.abs(), diagonal.abs());
+        let held = order_four.clamp(lowest, highest);
+        let [before, before_that] = &self.surprises;
+        let missed = |back: i32| before[(i + ROW_RIM).wrapping_add_signed(back as isize)].wide();
+        let missed_twice =
+            |back: i32| before_that[(i + ROW_RIM).wrapping_add_signed(back as isize)].wide();
+        let (step, followed) = if self.row == 0 {
+            (0, 0)
+        } else {
+            let centre = sat(4 * self.above[i + ROW_RIM].wide() - order_two);
+            let one = sat(4 * a.min(b).max(d.min(e)) - order_two);
+            let other = sat(4 * a.max(b).min(d.max(e)) - order_two);
+            (
+                centre.clamp(one.min(other), one.max(other)),
+                centre.clamp(lowest, highest),
+            )
+        };
+        let features = [
+            beside,
+            above_below,
+            corners,
+            diagonal,
+            outer_diagonal,
+            missed(-1),
+            missed(0),
+            missed(1),
+            missed_twice(0),
+            middle,
+            steadier,
+            median,
+            held,
+            step,
+            followed,
+            sat(missed(-2) + missed(2)),
+        ];
+        let size = |value: i32| value.abs().min(T::LIMIT);
+        let sum = |terms: &[i32]| terms.iter().fold(0, |sum: i32, &term| sat(sum + term));
+        let rises = sum(&[
+            (a - at(1, 0)).abs(),
+            (d - at(2, 0)).abs(),
+            (b - at(1, 3)).abs(),
+            (e - at(2, 3)).abs(),
+            (a - at(0, 1)).abs(),
+            (b - at(0, 2)).abs(),
+            (d - at(3, 1)).abs(),
+            (e - at(3, 2)).abs(),
+        ]);
+        let bends = sum(&[
+            size((at(1, 0) + at(1, 3)) - (a + b)),
+            size((at(2, 0) + at(2, 3)) - (d + e)),
+            size((at(0, 1) + at(3, 1)) - (a + d)),
+            size((at(0, 2) + at(3, 2)) - (b + e)),
+        ]);
+        let companion = |side: usize| self.companion[i + side].wide();
+        let activities = [
+            slope_a,
+            slope_b,
+            diagonal.abs(),
+            size(ring),
+            rises,
+            bends,
+            size(missed(0)),
+            sum(&[size(missed(-1)), size(missed(1))]),
+            sum(&[
+                size(missed_twice(0)),
+                size(missed_twice(-1)),
+                size(missed_twice(1)),
+                size(missed(-2)),
+                size(missed(2)),
+            ]),
+            companion(ROW_RIM),
+            sum(&[companion(ROW_RIM - 1), companion(ROW_RIM + 1)]),
+            UNIT_ACTIVITY,
+        ];
+        Sight {
+            order_two,
+            order_four,
+            features,
+            activities,
+        }
+    }
+}
+
+/// The constant part of an activity.
+pub(super) const UNIT_ACTIVITY: i32 = 16;
+/// Entries that vectors may read or write beyond the last one that counts.
+pub(super) const VECTOR_SLACK: usize = 16;
+
+/// A height relative to the base, within reach.
+#[inline(always)]
+fn relative<T: Word>(height: i32, base: i32, shift: u32) -> i32 {
+    let offset = (i64::from(height) - i64::from(base)) >> shift;
+    offset.clamp(-i64::from(T::REACH), i64::from(T::REACH)) as i32
+}
+
+/// What is known of a row before it is coded.
+#[derive(Clone, Debug, Default)]
+pub struct Outlook {
+    /// Context of each centre.
+    pub contexts: Vec<u8>,
+    /// Predicted heights, not yet clamped to any range.
+    pub predictions: Vec<i32>,
+    /// Where a centre is expected by order 4, in quarters of a shifted unit.
+    pub(super) expected: Vec<i32>,
+}
+
+impl Outlook {
+    /// Room for rows of `cells` centres.
+    pub fn new(cells: usize) -> Outlook {
+        Outlook {
+            contexts: vec![0; cells],
+            predictions: vec![0; cells],
+            expected: vec![0; cells],
+        }
+    }
+}
+
+impl<T: Word> Neighbourhood<T> {
+    /// Contexts and predictions of the row at hand.
+    pub fn foresee(&self, weights: &Weights, outlook: &mut Outlook) {
+        for i in 0..self.cells {
+            let sight = self.sight(i);
+            let context = weights.context(sight.activity::<T>(weights));
+            let class = Weights::class(context);
+            let correction = sight.features.iter().zip(&weights.prediction);
+            let start = (i64::from(sight.order_two) << WEIGHT_BITS) + (1 << (WEIGHT_BITS + 1));
+            let total = correction.fold(start, |total, (&feature, weights)| {
+                total + i64::from(feature) * i64::from(weights[class])
+            });
+            let offset = T::wrap(total) >> (WEIGHT_BITS + 2) << self.shift;
+            outlook.contexts[i] = context as u8;
+            outlook.predictions[i] = (i64::from(self.base) + offset) as i32;
+            outlook.expected[i] = sight.expected::<T>();
+        }
+    }
+
+    /// Ends a row whose centres were predicted and are known now.
+    pub fn complete(&mut self, centres: &[i32], outlook: &Outlook) {
+        let ([newest, older], above) = (&mut self.surprises, &mut self.above);
+        std::mem::swap(newest, older);
+        let (base, shift) = (self.base, self.shift);
+        for (i, &centre) in centres.iter().enumerate() {
+            let relative = relative::<T>(centre, base, shift);
+            above[i + ROW_RIM] = T::narrow(relative);
+            let surprise = 4 * relative - outlook.expected[i];
+            newest[i + ROW_RIM] = T::narrow(saturate::<T>(surprise));
+        }
+        self.row += 1;
+    }
+
+    /// Contexts of the row at hand, for coefficients whose predictions are made elsewhere.
+    pub fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook) {
+        for (i, context) in outlook.contexts.iter_mut().enumerate() {
+            *context = weights.context(self.sight(i).activity::<T>(weights)) as u8;
+        }
+    }
+
+    /// Ends a row of such coefficients, each worth `step` units.
+    pub fn complete_coefficients(&mut self, coefficients: &[i32], step: i32) {
+        let [newest, older] = &mut self.surprises;
+        std::mem::swap(newest, older);
+        for (i, &coefficient) in coefficients.iter().enumerate() {
+            let residual = (4 * i64::from(coefficient) * i64::from(step)) >> self.shift;
+            let limit = i64::from(T::LIMIT);
+            newest[i + ROW_RIM] = T::narrow(residual.clamp(-limit, limit) as i32);
+        }
+        self.row += 1;
+    }
+}
