@@ -41,7 +41,7 @@ fn one_diamond(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("diamond");
     group.throughput(Throughput::Elements(samples));
     group.bench_function("decode", |bencher| {
-        bencher.iter(|| terrain.centres(black_box(root), terrain.root()));
+        bencher.iter(|| terrain.refine(black_box(root), terrain.root()));
     });
     group.bench_function("predict", |bencher| {
         let mut predictions = vec![0; samples as usize];

@@ -1,14 +1,13 @@
 //! The builder: samples to blocks, level by level, each going on from what the decoder returns.
 
+use super::descent::{Descent, Input, disagreement};
+use super::levels::Levels;
 use super::plane::Plane;
 use super::source::RasterSource;
-use super::surface::LeafSurface;
-use super::workers::{map_in_order, thread_count};
-use crate::codec::{
-    BlockCodec, ErrorCode, Matrix, RangeCode, RootCodec, Units, block_length_unit, child_vertices,
-    codable_centres,
-};
-use crate::lattice::{Diamond, Lattice};
+use super::summaries::summary_codes;
+use super::workers::thread_count;
+use crate::codec::{BlockCodec, Refined, RootCodec, Units, block_length_unit};
+use crate::lattice::Lattice;
 use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, TransformKind, Writer};
 use crate::transform::Interpolating;
 use crate::{Error, Result};
@@ -108,9 +107,6 @@ pub fn build(
         raster: info,
     };
     let threads = thread_count(options.threads);
-    let mut work = Build::new(&lattice, &plane, &units, threads);
-    let roots = work.code_root()?;
-    let mut writer = Writer::with_sink(output, sink, &header, &roots, &[])?;
     let mut done = samples;
     let mut step = |samples: u64| {
         done += samples;
@@ -120,11 +116,29 @@ pub fn build(
             Err(Error::Cancelled)
         }
     };
+    let transform =
+        Interpolating::new(lattice.cells(), units.bound, units.range[0], units.range[1]);
+    let codec = BlockCodec::new(lattice.cells(), plane.void_samples > 0, Box::new(transform));
+    let levels = Levels::new(
+        &lattice,
+        &plane,
+        &units,
+        codec.transform(),
+        threads,
+        &mut step,
+    )?;
+    let root_codec = RootCodec::new(&lattice, units.bound, units.range);
+    let (mut descent, roots) = Descent::new(&levels, &root_codec, threads)?;
+    let mut writer = Writer::with_sink(output, sink, &header, &roots, &[])?;
     for level in 0..lattice.levels() {
-        work.code_level(level, &mut writer, &mut step)?;
+        let code = |input: Input| code_block(&codec, input);
+        descent.code_level(level, code, |block, samples| {
+            writer.push(&block)?;
+            step(samples)
+        })?;
     }
-    let codes = work.codes(&mut step)?;
-    let (max_error, rms_error) = work.measured_error();
+    let codes = summary_codes(&levels, &descent, units.range, threads, &mut step)?;
+    let (max_error, rms_error) = measured_error(&plane, &units, &descent.heights);
     let bytes = writer.finish(
         &Header {
             max_error,
@@ -156,234 +170,26 @@ fn lossless_unit(plane: &Plane, info: &crate::geo::RasterInfo) -> Result<f64> {
     })
 }
 
-/// A repository in the making: everything in memory but the finished blocks.
-struct Build<'a> {
-    lattice: &'a Lattice,
-    plane: &'a Plane,
-    units: &'a Units,
-    codec: BlockCodec,
-    threads: usize,
-    /// Vertex matrices of all refinable levels, in the order of ranks.
-    vertices: Vec<Matrix>,
-    /// Centre matrices of the level coded last.
-    centres: Vec<Matrix>,
-    /// Decoded units of all samples.
-    heights: Vec<i32>,
+/// A diamond's block, and what it decodes to.
+fn code_block(codec: &BlockCodec, input: Input) -> Result<(Vec<u8>, Refined)> {
+    let (vertices, outline) = (input.vertices, input.outline);
+    let block = codec.encode(vertices, outline, input.target, input.voids);
+    let refined = codec
+        .decode(vertices, outline, &block)
+        .map_err(|error| disagreement("a block", error))?;
+    Ok((block, refined))
 }
 
-impl<'a> Build<'a> {
-    fn new(lattice: &'a Lattice, plane: &'a Plane, units: &'a Units, threads: usize) -> Build<'a> {
-        let transform =
-            Interpolating::new(lattice.cells(), units.bound, units.range[0], units.range[1]);
-        Build {
-            lattice,
-            plane,
-            units,
-            codec: BlockCodec::new(lattice.cells(), plane.void_samples > 0, Box::new(transform)),
-            threads,
-            vertices: Vec::new(),
-            centres: Vec::new(),
-            heights: vec![0; plane.samples.len()],
-        }
-    }
-
-    /// Codes the root's vertices and keeps what they decode to.
-    fn code_root(&mut self) -> Result<Vec<u8>> {
-        let codec = RootCodec::new(self.lattice, self.units.bound, self.units.range);
-        let bytes = codec.encode(|at| self.plane.unit(self.units, at));
-        let matrix = codec
-            .decode(&bytes)
-            .map_err(|error| disagreement("the root", error))?;
-        let (placement, side) = (
-            self.lattice.placement(self.lattice.root()),
-            self.lattice.cells() + 1,
-        );
-        for (index, &height) in matrix.values.iter().enumerate() {
-            let at = placement.vertex(index % side, index / side);
-            if self.lattice.in_raster(at) {
-                self.heights[at[1] as usize * self.plane.width + at[0] as usize] = height;
-            }
-        }
-        self.vertices.push(matrix);
-        Ok(bytes)
-    }
-
-    /// Codes the diamonds of one level into the writer, and gathers the vertices of the next.
-    fn code_level(
-        &mut self,
-        level: u32,
-        writer: &mut Writer,
-        step: &mut dyn FnMut(u64) -> Result<()>,
-    ) -> Result<()> {
-        let ranks = self.lattice.level_ranks(level);
-        let diamonds = self.lattice.diamonds(level);
-        let mut centres = Vec::with_capacity(diamonds.len());
-        let (codec, plane, lattice, units) = (&self.codec, self.plane, self.lattice, self.units);
-        let vertices = &self.vertices[ranks.start as usize..];
-        let code = |index: usize| {
-            let codable = codable_centres(lattice, diamonds[index]);
-            let (samples, voids) = plane.centres_of(lattice, units, diamonds[index], &codable);
-            let block = codec.encode(
-                &vertices[index],
-                codable.as_deref(),
-                &samples,
-                voids.as_deref(),
-            );
-            let decoded = codec.decode(&vertices[index], codable.as_deref(), &block);
-            (block, codable, decoded)
-        };
-        let heights = &mut self.heights;
-        map_in_order(
-            self.threads,
-            diamonds.len(),
-            code,
-            |index, (block, codable, decoded)| {
-                let decoded = decoded.map_err(|error| disagreement("a block", error))?;
-                writer.push(&block)?;
-                let counted = scatter(lattice, plane, diamonds[index], &codable, &decoded, heights);
-                centres.push(decoded);
-                step(counted)
-            },
-        )?;
-        self.centres = centres;
-        if level + 1 < self.lattice.levels() {
-            self.gather_level(level + 1)?;
-        }
-        Ok(())
-    }
-
-    fn gather_level(&mut self, level: u32) -> Result<()> {
-        let parents_start = self.lattice.level_ranks(level - 1).start;
-        let diamonds = self.lattice.diamonds(level);
-        let gather = |index: usize| {
-            let diamond = diamonds[index];
-            let parents = self.lattice.parents(diamond).map(|parent| {
-                parent.map(|parent| {
-                    let rank = self.lattice.rank(parent);
-                    (
-                        &self.vertices[rank as usize],
-                        &self.centres[(rank - parents_start) as usize],
-                    )
-                })
-            });
-            child_vertices(self.lattice, diamond, parents)
-        };
-        let mut gathered = Vec::with_capacity(diamonds.len());
-        map_in_order::<_, Error>(self.threads, diamonds.len(), gather, |_, matrix| {
-            gathered.push(matrix);
-            Ok(())
-        })?;
-        self.vertices.append(&mut gathered);
-        Ok(())
-    }
-
-    /// Error, low and high code of every diamond by rank (`codec::bounds`).
-    fn codes(&self, step: &mut dyn FnMut(u64) -> Result<()>) -> Result<Vec<[u8; 3]>> {
-        let count = self.lattice.diamond_count() as usize;
-        let surface = LeafSurface {
-            lattice: self.lattice,
-            plane: self.plane,
-            heights: &self.heights,
-        };
-        let mut errors = Vec::with_capacity(count);
-        let per_level = self.plane.samples.len() as u64;
-        let measure =
-            |rank: usize| surface.error_of(self.lattice.diamond(rank as u64), &self.vertices[rank]);
-        map_in_order(self.threads, count, measure, |rank, error| {
-            errors.push(error);
-            let level = self.lattice.diamond(rank as u64).level();
-            let ranks = self.lattice.level_ranks(level);
-            step(per_level / (ranks.end - ranks.start))
-        })?;
-        let ranges = self.nest(&mut errors);
-        Ok(self.encode_summaries(&errors, &ranges))
-    }
-
-    /// Makes every diamond's error and range contain those of its children; returns the ranges.
-    fn nest(&self, errors: &mut [f64]) -> Vec<[i32; 2]> {
-        let count = errors.len();
-        let extremes = |matrix: &Matrix| {
-            let least = matrix.values.iter().copied().min().unwrap_or_default();
-            let greatest = matrix.values.iter().copied().max().unwrap_or_default();
-            [least, greatest]
-        };
-        let mut ranges: Vec<[i32; 2]> = self.vertices[..count].iter().map(extremes).collect();
-        let last_level = self.lattice.levels().saturating_sub(1);
-        let last_start = count - self.centres.len().min(count);
-        for rank in (0..count).rev() {
-            let diamond = self.lattice.diamond(rank as u64);
-            if diamond.level() == last_level {
-                let inner = extremes(&self.centres[rank - last_start]);
-                ranges[rank] = union(ranges[rank], inner);
-            }
-            for parent in self.lattice.parents(diamond).into_iter().flatten() {
-                let parent = self.lattice.rank(parent) as usize;
-                errors[parent] = errors[parent].max(errors[rank]);
-                ranges[parent] = union(ranges[parent], ranges[rank]);
-            }
-        }
-        ranges
-    }
-
-    fn encode_summaries(&self, errors: &[f64], ranges: &[[i32; 2]]) -> Vec<[u8; 3]> {
-        let mut decoded: Vec<[i32; 2]> = Vec::with_capacity(ranges.len());
-        let mut codes = Vec::with_capacity(ranges.len());
-        for (rank, (&error, &range)) in errors.iter().zip(ranges).enumerate() {
-            let parents = self.lattice.parents(self.lattice.diamond(rank as u64));
-            let reference = match parents.into_iter().flatten().next() {
-                Some(parent) => decoded[self.lattice.rank(parent) as usize],
-                None => self.units.range,
-            };
-            let code = RangeCode::covering(range, reference);
-            decoded.push(code.range(reference));
-            codes.push([ErrorCode::covering(error).0, code.low, code.high]);
-        }
-        codes
-    }
-
-    /// Largest and root mean square |decoded - input| over the valid samples.
-    fn measured_error(&self) -> (f64, f64) {
-        let (mut largest, mut sum, mut count) = (0f64, 0f64, 0u64);
-        for (&sample, &unit) in self.plane.samples.iter().zip(&self.heights) {
-            if !sample.is_nan() {
-                let error = (self.units.to_sample(unit) - sample).abs();
-                largest = largest.max(error);
-                sum += error * error;
-                count += 1;
-            }
-        }
-        (largest, (sum / count.max(1) as f64).sqrt())
-    }
-}
-
-/// Puts decoded centres at their places among all samples; returns how many there were.
-fn scatter(
-    lattice: &Lattice,
-    plane: &Plane,
-    diamond: Diamond,
-    codable: &Option<Box<[u8]>>,
-    centres: &Matrix,
-    heights: &mut [i32],
-) -> u64 {
-    let (placement, cells) = (lattice.placement(diamond), lattice.cells());
-    let mut count = 0;
-    for (index, &height) in centres.values.iter().enumerate() {
-        if codable.as_ref().is_none_or(|codable| codable[index] != 0) {
-            let [column, row] = placement.centre(index % cells, index / cells);
-            heights[row as usize * plane.width + column as usize] = height;
+/// Largest and root mean square |decoded - input| over the valid samples.
+fn measured_error(plane: &Plane, units: &Units, heights: &[i32]) -> (f64, f64) {
+    let (mut largest, mut sum, mut count) = (0f64, 0f64, 0u64);
+    for (&sample, &unit) in plane.samples.iter().zip(heights) {
+        if !sample.is_nan() {
+            let error = (units.to_sample(unit) - sample).abs();
+            largest = largest.max(error);
+            sum += error * error;
             count += 1;
         }
     }
-    count
-}
-
-fn union(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
-    [a[0].min(b[0]), a[1].max(b[1])]
-}
-
-/// The encoder and the decoder contradict each other, which only a defect of this library can cause.
-fn disagreement(what: &str, error: crate::codec::BlockError) -> Error {
-    Error::Argument(format!(
-        "internal error: {what} just written does not decode: {error}"
-    ))
+    (largest, (sum / count.max(1) as f64).sqrt())
 }

@@ -1,8 +1,11 @@
 //! Floor 3: from a raster to a repository. Knows neither views nor the C boundary.
 
 mod builder;
+mod descent;
+mod levels;
 mod plane;
 pub mod source;
+mod summaries;
 mod surface;
 mod workers;
 

@@ -1,9 +1,7 @@
 //! The whole raster in memory.
 
 use super::source::RasterSource;
-use crate::codec::Units;
 use crate::geo::RasterInfo;
-use crate::lattice::{Diamond, Lattice};
 use crate::{Error, Result};
 
 /// Samples as their source gave them, row by row; NaN is a void.
@@ -84,42 +82,13 @@ impl Plane {
         Ok(())
     }
 
-    /// The sample at a position in the raster, in units; `None` for a void.
-    pub(super) fn unit(&self, units: &Units, [column, row]: [i64; 2]) -> Option<i32> {
-        let sample = self.samples[row as usize * self.width + column as usize];
-        (!sample.is_nan()).then(|| units.to_unit(sample))
+    /// Where the sample at a position in the raster is among all.
+    pub(super) fn index(&self, [column, row]: [i64; 2]) -> usize {
+        row as usize * self.width + column as usize
     }
 
     /// Whether the sample at a position in the raster is void.
-    pub(super) fn is_void(&self, [column, row]: [i64; 2]) -> bool {
-        self.samples[row as usize * self.width + column as usize].is_nan()
-    }
-
-    /// The samples at a diamond's centres, N^2 in units (0 where not codable), and 1 for each void.
-    pub(super) fn centres_of(
-        &self,
-        lattice: &Lattice,
-        units: &Units,
-        diamond: Diamond,
-        codable: &Option<Box<[u8]>>,
-    ) -> (Vec<i32>, Option<Box<[u8]>>) {
-        let (placement, cells) = (lattice.placement(diamond), lattice.cells());
-        let mut samples = vec![0; cells * cells];
-        let mut voids =
-            (self.void_samples > 0).then(|| vec![0u8; cells * cells].into_boxed_slice());
-        for (index, sample) in samples.iter_mut().enumerate() {
-            if codable.as_ref().is_some_and(|codable| codable[index] == 0) {
-                continue;
-            }
-            match self.unit(units, placement.centre(index % cells, index / cells)) {
-                Some(unit) => *sample = unit,
-                None => {
-                    if let Some(voids) = &mut voids {
-                        voids[index] = 1;
-                    }
-                }
-            }
-        }
-        (samples, voids)
+    pub(super) fn is_void(&self, at: [i64; 2]) -> bool {
+        self.samples[self.index(at)].is_nan()
     }
 }

@@ -1,9 +1,9 @@
 //! The block of one diamond: its void mask, then its coefficients (`docs/format.md`).
 
-use super::{Matrix, mask};
+use super::{Matrix, Outline, Refined, mask};
 use crate::entropy::bits::{BitReader, BitWriter};
 use crate::entropy::{self, gamma};
-use crate::transform::Transform;
+use crate::transform::{Coefficients, Target, Transform, Validity};
 
 /// One byte an entry of a matrix: 1 or 0.
 type Mask = Box<[u8]>;
@@ -22,7 +22,7 @@ pub enum BlockError {
     Mask,
 }
 
-/// Codes the N^2 centres of a diamond in the knowledge of its vertices.
+/// Codes what refining a diamond gives, in the knowledge of its vertices.
 pub struct BlockCodec {
     cells: usize,
     has_voids: bool,
@@ -43,27 +43,29 @@ impl BlockCodec {
         }
     }
 
-    /// Bytes for the samples (N^2, in units) of a diamond.
+    /// What makes coefficients of heights.
+    pub fn transform(&self) -> &dyn Transform {
+        &*self.transform
+    }
+
+    /// Bytes that lead from a diamond's decoded vertices to its heights on the next level, in units.
     ///
-    /// `codable` is [`codable_centres`](super::codable_centres); `voids` holds 1 where a codable
-    /// centre has no data. The empty block stands for residuals all zero, and voids exactly where
-    /// [`all_void_by_default`] says.
+    /// `voids` (N^2) holds 1 where a codable centre has no data. The empty block stands for
+    /// coefficients all zero, and voids exactly where [`all_void_by_default`] says.
     pub fn encode(
         &self,
         vertices: &Matrix,
-        codable: Option<&[u8]>,
-        samples: &[i32],
+        outline: &Outline,
+        target: Target,
         voids: Option<&[u8]>,
     ) -> Vec<u8> {
-        let coded = coded_centres(codable, voids);
-        let mut coefficients = vec![0; self.cells * self.cells];
-        let mask = coded.as_deref();
-        self.transform
-            .analyse(&vertices.values, samples, mask, &mut coefficients);
-        let zero = coefficients.iter().all(|&coefficient| coefficient == 0);
+        let coded = coded_centres(outline, voids);
+        let validity = validity(vertices, outline, &coded);
+        let coefficients = self.transform.analyse(&validity, &vertices.values, target);
         let all_void = coded.as_ref().is_some_and(|coded| !coded.contains(&1));
         let by_default = self.has_voids && all_void_by_default(vertices);
         let uniform = voids.is_none_or(|voids| !voids.contains(&1)) || all_void;
+        let zero = coefficients.are_zero();
         if zero && uniform && (voids.is_some() && all_void) == by_default {
             return Vec::new();
         }
@@ -71,7 +73,8 @@ impl BlockCodec {
         if self.has_voids {
             match voids {
                 Some(voids) if voids.contains(&1) => {
-                    let mask = mask::encode(self.cells, vertices.valid.as_deref(), codable, voids);
+                    let (valid, codable) = (vertices.valid.as_deref(), outline.codable.as_deref());
+                    let mask = mask::encode(self.cells, valid, codable, voids);
                     // A mask may be coded in no byte at all; 0 says that there is none.
                     write_length(mask.len() + 1, &mut bytes);
                     bytes.extend(mask);
@@ -80,12 +83,21 @@ impl BlockCodec {
             }
         }
         let mut bits = BitWriter::new();
-        gamma::encode(&coefficients, self.cells, mask, &mut bits);
+        gamma::encode(
+            &coefficients.centres,
+            self.cells,
+            coded.as_deref(),
+            &mut bits,
+        );
+        if let Some(inner) = &coefficients.vertices {
+            let coded = self.transform.coded_vertices(&validity);
+            gamma::encode(inner, self.cells, coded.as_deref(), &mut bits);
+        }
         bytes.extend(bits.into_bytes());
         bytes
     }
 
-    /// The centre matrix (N^2) of a block.
+    /// The heights on the next level that a block leads to.
     ///
     /// # Errors
     ///
@@ -94,42 +106,70 @@ impl BlockCodec {
     pub fn decode(
         &self,
         vertices: &Matrix,
-        codable: Option<&[u8]>,
+        outline: &Outline,
         block: &[u8],
-    ) -> Result<Matrix, BlockError> {
-        let mut centres = vec![0; self.cells * self.cells].into_boxed_slice();
-        let mut coefficients = vec![0; self.cells * self.cells];
-        let voids = if block.is_empty() {
+    ) -> Result<Refined, BlockError> {
+        let (voids, rest) = if block.is_empty() {
             let all_void = self.has_voids && all_void_by_default(vertices);
-            all_void.then(|| vec![1; coefficients.len()].into_boxed_slice())
+            let voids = all_void.then(|| vec![1; self.cells * self.cells].into_boxed_slice());
+            (voids, None)
         } else {
-            let (voids, rest) = self.decode_mask(vertices, codable, block)?;
-            let coded = coded_centres(codable, voids.as_deref());
-            let mut bits = BitReader::new(rest);
-            gamma::decode(&mut bits, self.cells, coded.as_deref(), &mut coefficients)?;
-            let used = bits.position().div_ceil(8);
-            let surplus = rest.get(used..).unwrap_or_default();
-            if surplus.len() > self.padding || surplus.iter().any(|&byte| byte != 0) {
-                return Err(BlockError::Surplus);
-            }
-            voids
+            let (voids, rest) = self.decode_mask(vertices, outline, block)?;
+            (voids, Some(rest))
         };
-        self.transform
-            .synthesise(&vertices.values, &coefficients, &mut centres);
-        Ok(match coded_centres(codable, voids.as_deref()) {
-            Some(valid) => Matrix::new(centres, valid),
+        let coded = coded_centres(outline, voids.as_deref());
+        let validity = validity(vertices, outline, &coded);
+        let coefficients = self.decode_coefficients(&validity, rest)?;
+        let heights = self
+            .transform
+            .synthesise(&validity, &vertices.values, &coefficients);
+        let centres = match coded {
+            Some(valid) => Matrix::new(heights.centres, valid),
             None => Matrix {
-                values: centres,
+                values: heights.centres,
                 valid: None,
             },
-        })
+        };
+        let vertices = heights.vertices.map(|values| Matrix {
+            values,
+            valid: vertices.valid.clone(),
+        });
+        Ok(Refined { vertices, centres })
+    }
+
+    /// The coefficients in the bytes that end a block; all zero for the empty block.
+    fn decode_coefficients(
+        &self,
+        validity: &Validity,
+        bytes: Option<&[u8]>,
+    ) -> Result<Coefficients, BlockError> {
+        let zeros = || vec![0; self.cells * self.cells].into_boxed_slice();
+        let coded_vertices = self.transform.coded_vertices(validity);
+        let mut coefficients = Coefficients {
+            centres: zeros(),
+            vertices: coded_vertices.is_some().then(zeros),
+        };
+        let Some(bytes) = bytes else {
+            return Ok(coefficients);
+        };
+        let (side, mut bits) = (self.cells, BitReader::new(bytes));
+        gamma::decode(&mut bits, side, validity.centres, &mut coefficients.centres)?;
+        if let Some(inner) = &mut coefficients.vertices {
+            gamma::decode(&mut bits, side, coded_vertices.as_deref(), inner)?;
+        }
+        let used = bits.position().div_ceil(8);
+        let surplus = bytes.get(used..).unwrap_or_default();
+        if surplus.len() > self.padding || surplus.iter().any(|&byte| byte != 0) {
+            return Err(BlockError::Surplus);
+        }
+        Ok(coefficients)
     }
 
     /// The void mask at the start of a block, and the rest of the block.
     fn decode_mask<'a>(
         &self,
         vertices: &Matrix,
-        codable: Option<&[u8]>,
+        outline: &Outline,
         block: &'a [u8],
     ) -> Result<(Option<Mask>, &'a [u8]), BlockError> {
         if !self.has_voids {
@@ -140,7 +180,7 @@ impl BlockCodec {
             return Ok((None, rest));
         }
         let (bytes, rest) = rest.split_at_checked(length - 1).ok_or(BlockError::Mask)?;
-        let valid = vertices.valid.as_deref();
+        let (valid, codable) = (vertices.valid.as_deref(), outline.codable.as_deref());
         Ok((Some(mask::decode(self.cells, valid, codable, bytes)), rest))
     }
 }
@@ -156,9 +196,9 @@ fn all_void_by_default(vertices: &Matrix) -> bool {
     !vertices.any_valid()
 }
 
-/// 1 where a centre has a residual: codable and not void; `None` when all have.
-fn coded_centres(codable: Option<&[u8]>, voids: Option<&[u8]>) -> Option<Mask> {
-    match (codable, voids) {
+/// 1 where a centre is coded, and so valid: codable and not void; `None` when all are.
+fn coded_centres(outline: &Outline, voids: Option<&[u8]>) -> Option<Mask> {
+    match (outline.codable.as_deref(), voids) {
         (None, None) => None,
         (Some(codable), None) => Some(codable.into()),
         (None, Some(voids)) => Some(voids.iter().map(|&void| 1 - void).collect()),
@@ -169,6 +209,18 @@ fn coded_centres(codable: Option<&[u8]>, voids: Option<&[u8]>) -> Option<Mask> {
                 .map(|(&codable, &void)| codable & (1 - void))
                 .collect(),
         ),
+    }
+}
+
+fn validity<'a>(
+    vertices: &'a Matrix,
+    outline: &Outline,
+    coded_centres: &'a Option<Mask>,
+) -> Validity<'a> {
+    Validity {
+        vertices: vertices.valid.as_deref(),
+        centres: coded_centres.as_deref(),
+        absent: outline.absent,
     }
 }
 

@@ -35,8 +35,8 @@ impl Matrix {
     }
 }
 
-/// The vertex matrix of a diamond below the root, out of the matrices (vertices, centres) of its
-/// parents, in the order of [`Lattice::parents`]; an absent half is reflected.
+/// The vertex matrix of a diamond below the root, out of its parents' vertices and centres on its level
+/// ([`Refined`](super::Refined)), in the order of [`Lattice::parents`]; an absent half is reflected.
 pub fn child_vertices(
     lattice: &Lattice,
     child: Diamond,
@@ -82,22 +82,4 @@ fn mask_or_ones(matrix: &Matrix) -> std::borrow::Cow<'_, [u8]> {
         Some(valid) => valid.as_ref().into(),
         None => vec![1; matrix.values.len()].into(),
     }
-}
-
-/// 1 for each centre of a refinable diamond that lies in the raster and in a present half; `None` when
-/// all do. Only these have residuals and a place in the void mask.
-pub fn codable_centres(lattice: &Lattice, diamond: Diamond) -> Option<Box<[u8]>> {
-    let halves = lattice.halves(diamond);
-    if halves == [true, true] && lattice.is_inside(diamond) {
-        return None;
-    }
-    let cells = lattice.cells();
-    let (placement, apexes) = (lattice.placement(diamond), lattice.apexes(diamond));
-    let codable = |index: usize| {
-        let (i, j) = (index % cells, index / cells);
-        let present = (0..2).any(|half| halves[half] && apexes[half].holds_centre(cells, i, j));
-        u8::from(present && lattice.in_raster(placement.centre(i, j)))
-    };
-    let mask: Box<[u8]> = (0..cells * cells).map(codable).collect();
-    mask.contains(&0).then_some(mask)
 }

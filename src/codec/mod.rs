@@ -5,12 +5,16 @@ mod block;
 mod bounds;
 mod mask;
 mod matrix;
+mod outline;
+mod refined;
 mod roots;
 pub mod training;
 mod units;
 
 pub use block::{BlockCodec, BlockError, block_length_unit};
 pub use bounds::{ErrorCode, RangeCode};
-pub use matrix::{Matrix, child_vertices, codable_centres};
+pub use matrix::{Matrix, child_vertices};
+pub use outline::Outline;
+pub use refined::Refined;
 pub use roots::RootCodec;
 pub use units::Units;

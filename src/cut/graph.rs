@@ -6,7 +6,7 @@ use super::node::{Bounds, Node};
 use super::patch::{Patch, PatchMaker, VertexForm};
 use super::projection::Projection;
 use super::slopes::{Diagonals, Heights, Slope, root_slopes};
-use crate::codec::Matrix;
+use crate::codec::Refined;
 use crate::lattice::{Diamond, Lattice, gather_half, reflect_absent_half};
 use crate::{Error, Result};
 use std::collections::{HashMap, HashSet};
@@ -263,7 +263,7 @@ impl Graph {
     fn spread(&mut self, node: &Node, projection: &Projection) -> Result<()> {
         let source = self.source.clone();
         let lattice = source.lattice();
-        let centres = source.centres(node.diamond, &node.vertices)?;
+        let refined = source.refine(node.diamond, &node.vertices)?;
         let children = lattice.children(node.diamond);
         let mut bounds = [None; 4];
         for (bounds, child) in bounds.iter_mut().zip(children) {
@@ -271,7 +271,7 @@ impl Graph {
                 *bounds = Some(self.child_bounds(child, node)?);
             }
         }
-        self.find_slopes(node, &centres);
+        self.find_slopes(node, &refined);
         for (bounds, child) in bounds.into_iter().zip(children) {
             let Some(child) = child else { continue };
             if let Some(bounds) = bounds {
@@ -286,7 +286,7 @@ impl Graph {
             let Some(mut child) = self.check_out(place) else {
                 continue;
             };
-            self.receive(&mut child, half, node, &centres);
+            self.receive(&mut child, half, node, &refined);
             child.look(projection);
             self.check_in(place, child);
         }
@@ -318,14 +318,14 @@ impl Graph {
         Ok(Bounds::new(&*self.source, summary.error, summary.range))
     }
 
-    /// Slopes of a node's vertices and centres into the scratch space.
-    fn find_slopes(&mut self, node: &Node, centres: &Matrix) {
+    /// Slopes of a node's vertices and centres on the next level into the scratch space.
+    fn find_slopes(&mut self, node: &Node, refined: &Refined) {
         let (frame, [_, unit]) = (self.source.frame(), self.source.height_to_world());
         let diagonals = Diagonals::new(&node.placement, frame.step, unit);
         let heights = Heights {
             cells: self.source.lattice().cells(),
-            vertices: &node.vertices.values,
-            centres: &centres.values,
+            vertices: &refined.vertices(&node.vertices).values,
+            centres: &refined.centres.values,
         };
         let Scratch {
             vertex_slopes,
@@ -341,16 +341,17 @@ impl Graph {
         }
     }
 
-    /// Fills a half of `child` from the matrices of its parent and the slopes in the scratch space.
-    fn receive(&mut self, child: &mut Node, half: usize, parent: &Node, centres: &Matrix) {
+    /// Fills a half of `child` from its refined parent and the slopes in the scratch space.
+    fn receive(&mut self, child: &mut Node, half: usize, parent: &Node, refined: &Refined) {
         let source = self.source.clone();
         let (lattice, scratch) = (source.lattice(), &self.scratch);
         let (to, from) = (child.diamond, parent.diamond);
-        let heights = (&parent.vertices.values[..], &centres.values[..]);
+        let (vertices, centres) = (refined.vertices(&parent.vertices), &refined.centres);
+        let heights = (&vertices.values[..], &centres.values[..]);
         gather_half(lattice, from, heights, to, half, &mut child.vertices.values);
         let slopes = (&scratch.vertex_slopes[..], &scratch.centre_slopes[..]);
         gather_half(lattice, from, slopes, to, half, &mut child.slopes);
-        let is_masked = [&parent.vertices, centres, &child.vertices]
+        let is_masked = [vertices, centres, &child.vertices]
             .iter()
             .any(|matrix| matrix.valid.is_some());
         let mut mask = is_masked.then(|| {
@@ -361,11 +362,7 @@ impl Graph {
                 .unwrap_or_else(|| scratch.all_valid.clone())
         });
         if let Some(mask) = &mut mask {
-            let vertices = parent
-                .vertices
-                .valid
-                .as_deref()
-                .unwrap_or(&scratch.all_valid);
+            let vertices = vertices.valid.as_deref().unwrap_or(&scratch.all_valid);
             let centres = centres.valid.as_deref().unwrap_or(&scratch.all_valid);
             gather_half(lattice, from, (vertices, centres), to, half, mask);
         }

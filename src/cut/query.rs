@@ -4,7 +4,7 @@ use super::source::DiamondSource;
 use super::terrain::Terrain;
 use crate::Result;
 use crate::codec::{Matrix, child_vertices};
-use crate::lattice::Diamond;
+use crate::lattice::{Diamond, Site};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
@@ -116,7 +116,7 @@ impl Query {
     /// The decoded unit of a sample of the raster; `None` for a void.
     fn sample(&mut self, at: [i64; 2]) -> Result<Option<i32>> {
         let lattice = self.terrain.lattice();
-        let Some((diamond, index)) = lattice.owner(at) else {
+        let Some((diamond, place)) = lattice.finest_around(at) else {
             let side = lattice.cells() as i64 + 1;
             let step = 1i64 << (lattice.levels() / 2);
             let index = (at[1] / step * side + at[0] / step) as usize;
@@ -125,14 +125,15 @@ impl Query {
         };
         let refined = self.refined(diamond)?;
         self.cache.trim();
-        Ok(refined
-            .centres
-            .is_valid(index)
-            .then(|| refined.centres.values[index]))
+        let (matrix, index) = match place {
+            Site::Vertex(index) => (&refined.vertices, index),
+            Site::Centre(index) => (&refined.centres, index),
+        };
+        Ok(matrix.is_valid(index).then(|| matrix.values[index]))
     }
 
     /// A diamond's matrices, from the cache or by decoding what they need.
-    fn refined(&mut self, diamond: Diamond) -> Result<Arc<Refined>> {
+    fn refined(&mut self, diamond: Diamond) -> Result<Arc<Matrices>> {
         if let Some(found) = self.cache.get(diamond) {
             return Ok(found);
         }
@@ -150,8 +151,8 @@ impl Query {
                 .map(|parent| parent.as_ref().map(|p| (&p.vertices, &p.centres)));
             child_vertices(lattice, diamond, matrices)
         };
-        let centres = terrain.centres(diamond, &vertices)?;
-        let refined = Arc::new(Refined { vertices, centres });
+        let (vertices, centres) = terrain.refine(diamond, &vertices)?.into_matrices(vertices);
+        let refined = Arc::new(Matrices { vertices, centres });
         self.cache.put(diamond, refined.clone());
         Ok(refined)
     }
@@ -168,12 +169,13 @@ fn leaf_triangle(main: bool, a: f64, b: f64) -> [([i64; 2], f64); 3] {
     }
 }
 
-struct Refined {
+/// A diamond's heights on the next level.
+struct Matrices {
     vertices: Matrix,
     centres: Matrix,
 }
 
-impl Refined {
+impl Matrices {
     fn bytes(&self) -> u64 {
         let matrix = |m: &Matrix| m.values.len() * 4 + m.valid.as_ref().map_or(0, |v| v.len());
         (matrix(&self.vertices) + matrix(&self.centres)) as u64
@@ -185,7 +187,7 @@ struct Cache {
     limit: u64,
     bytes: u64,
     clock: u64,
-    entries: HashMap<Diamond, (u64, Arc<Refined>)>,
+    entries: HashMap<Diamond, (u64, Arc<Matrices>)>,
     by_age: BTreeMap<u64, Diamond>,
 }
 
@@ -200,7 +202,7 @@ impl Cache {
         }
     }
 
-    fn get(&mut self, diamond: Diamond) -> Option<Arc<Refined>> {
+    fn get(&mut self, diamond: Diamond) -> Option<Arc<Matrices>> {
         let (used, refined) = self.entries.get_mut(&diamond)?;
         self.by_age.remove(used);
         self.clock += 1;
@@ -209,7 +211,7 @@ impl Cache {
         Some(refined.clone())
     }
 
-    fn put(&mut self, diamond: Diamond, refined: Arc<Refined>) {
+    fn put(&mut self, diamond: Diamond, refined: Arc<Matrices>) {
         self.clock += 1;
         self.bytes += refined.bytes();
         self.by_age.insert(self.clock, diamond);

@@ -1,7 +1,7 @@
 //! What cuts and queries read diamonds from.
 
 use crate::Result;
-use crate::codec::Matrix;
+use crate::codec::{Matrix, Refined};
 use crate::geo::Frame;
 use crate::lattice::{Diamond, Lattice};
 
@@ -36,10 +36,10 @@ pub trait DiamondSource: Send + Sync {
     /// existing parent in [`Lattice::parents`]' order ([`range`](Self::range) for the root).
     fn summary(&self, diamond: Diamond, parent_range: [i32; 2]) -> Result<Summary>;
 
-    /// The centre matrix of a refinable diamond, given its vertex matrix.
+    /// The heights of a refinable diamond on the next level, given its vertex matrix.
     ///
     /// # Errors
     ///
     /// Whatever keeps the block from being read or decoded; the diamond then stays as it is.
-    fn centres(&self, diamond: Diamond, vertices: &Matrix) -> Result<Matrix>;
+    fn refine(&self, diamond: Diamond, vertices: &Matrix) -> Result<Refined>;
 }

@@ -1,7 +1,7 @@
 //! An opened repository of heights: the file, its lattice and its codec in one.
 
 use super::source::{DiamondSource, Summary};
-use crate::codec::{BlockCodec, ErrorCode, Matrix, RangeCode, RootCodec, Units, codable_centres};
+use crate::codec::{BlockCodec, ErrorCode, Matrix, Outline, RangeCode, Refined, RootCodec, Units};
 use crate::geo::{Frame, RasterInfo};
 use crate::lattice::{Diamond, Lattice};
 use crate::store::{Access, DomainKind, EntropyKind, Header, Kind, Store, TransformKind};
@@ -118,12 +118,12 @@ impl DiamondSource for Terrain {
         })
     }
 
-    fn centres(&self, diamond: Diamond, vertices: &Matrix) -> Result<Matrix> {
+    fn refine(&self, diamond: Diamond, vertices: &Matrix) -> Result<Refined> {
         let mut scratch = Vec::new();
         let block = self.store.block(self.lattice.rank(diamond), &mut scratch)?;
-        let codable = codable_centres(&self.lattice, diamond);
+        let outline = Outline::of(&self.lattice, diamond);
         self.codec
-            .decode(vertices, codable.as_deref(), block)
+            .decode(vertices, &outline, block)
             .map_err(|error| {
                 let (level, Diamond { x, y, .. }) = (diamond.level(), diamond);
                 let message = format!("the block of diamond ({x}, {y}) of level {level}: {error}");

@@ -2,7 +2,7 @@
 
 use super::source::DiamondSource;
 use super::terrain::Terrain;
-use crate::codec::{Matrix, child_vertices};
+use crate::codec::{Matrix, Refined, child_vertices};
 use crate::lattice::Diamond;
 use crate::{Error, Result};
 use std::collections::{BTreeSet, HashMap};
@@ -117,17 +117,17 @@ impl Sweep<'_> {
                     });
                     child_vertices(lattice, diamond, parents)
                 };
-                let centres = self.terrain.centres(diamond, &vertices)?;
-                self.put_centres(diamond, &centres);
-                decoded.insert(diamond, (vertices, centres));
+                let refined = self.terrain.refine(diamond, &vertices)?;
+                self.put_refined(diamond, &refined);
+                decoded.insert(diamond, refined.into_matrices(vertices));
             }
             coarser = decoded;
         }
         Ok(())
     }
 
-    /// For each level below `level`: the diamonds whose centres may lie in the window, and the parents of
-    /// all finer ones.
+    /// For each level below `level`: the diamonds whose centres and inner vertices may lie in the window,
+    /// and the parents of all finer ones.
     fn needed(&self, level: u32) -> Vec<BTreeSet<Diamond>> {
         let lattice = self.terrain.lattice();
         let (left, top) = (i64::from(self.window.column), i64::from(self.window.row));
@@ -153,15 +153,21 @@ impl Sweep<'_> {
         levels
     }
 
-    fn put_centres(&mut self, diamond: Diamond, centres: &Matrix) {
+    /// Writes the centres of a diamond, and its inner vertices where refining changed them.
+    fn put_refined(&mut self, diamond: Diamond, refined: &Refined) {
         let lattice = self.terrain.lattice();
         let (placement, cells) = (lattice.placement(diamond), lattice.cells());
         for index in 0..cells * cells {
-            self.put(
-                placement.centre(index % cells, index / cells),
-                centres,
-                index,
-            );
+            let at = placement.centre(index % cells, index / cells);
+            self.put(at, &refined.centres, index);
+        }
+        let Some(vertices) = &refined.vertices else {
+            return;
+        };
+        for j in 1..cells {
+            for i in 1..cells {
+                self.put(placement.vertex(i, j), vertices, j * (cells + 1) + i);
+            }
         }
     }
 

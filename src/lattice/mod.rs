@@ -8,5 +8,5 @@ mod refinement;
 
 pub use diamond::Diamond;
 pub use patch::{Apex, PatchGrid};
-pub use planar::{Lattice, Placement, ROOT_SIDE};
+pub use planar::{Lattice, Placement, ROOT_SIDE, Site};
 pub use refinement::{gather_half, reflect_absent_half};

@@ -39,6 +39,15 @@ impl Placement {
     }
 }
 
+/// Where a sample is in a refined diamond, as an index of one of its matrices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Site {
+    /// Of the (N+1)^2 vertices.
+    Vertex(usize),
+    /// Of the N^2 centres.
+    Centre(usize),
+}
+
 /// The diamond graph over a raster of `width` x `height` samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Lattice {
@@ -279,27 +288,28 @@ impl Lattice {
         within(diamond.x, right) && within(diamond.y, bottom)
     }
 
-    /// The diamond that has a sample among its centres, with the index in its N^2 matrix; `None` for
-    /// the samples that are root vertices.
-    pub fn owner(&self, [column, row]: [i64; 2]) -> Option<(Diamond, usize)> {
-        let (x, y) = (column.trailing_zeros(), row.trailing_zeros());
-        let finest = x.min(y);
-        if finest >= self.depth {
-            return None;
-        }
-        // The sample first appears on the grid of step 2^finest; turned squares add those on its lines.
-        let level = 2 * (self.depth - 1 - finest) + u32::from(x != y);
-        let at = [column, row];
-        let diamond = self.diamonds_around(level, at, at).into_iter().next()?;
+    /// The finest refinable diamond that has a sample strictly inside, so that nothing finer changes its
+    /// height, and where the sample is in it. `None` for samples that no such diamond has inside: corners
+    /// of the root, and all where the root is the leaf level.
+    pub fn finest_around(&self, at: [i64; 2]) -> Option<(Diamond, Site)> {
+        let around = |level: u32| self.diamonds_around(level, at, at).into_iter().next();
+        let diamond = (0..self.levels()).rev().find_map(around)?;
         let placement = self.placement(diamond);
-        let (dx, dy) = (column - placement.origin[0], row - placement.origin[1]);
+        let (dx, dy) = (at[0] - placement.origin[0], at[1] - placement.origin[1]);
         let step = placement.ax[0];
-        let [i, j] = if level.is_multiple_of(2) {
-            [dx / step, dy / step]
+        // In the doubled index grid, where vertices have even indices and centres odd ones.
+        let [u, v] = if diamond.level().is_multiple_of(2) {
+            [2 * dx / step, 2 * dy / step]
         } else {
-            [(dx - dy) / (2 * step), (dx + dy) / (2 * step)]
+            [(dx - dy) / step, (dx + dy) / step]
         };
-        Some((diamond, j as usize * self.cells() + i as usize))
+        let (i, j, cells) = ((u / 2) as usize, (v / 2) as usize, self.cells());
+        let site = if u % 2 == 0 {
+            Site::Vertex(j * (cells + 1) + i)
+        } else {
+            Site::Centre(j * cells + i)
+        };
+        Some((diamond, site))
     }
 
     /// Number of refinable diamonds: those of levels 0..2K, which have blocks.

@@ -1,7 +1,7 @@
 //! How fast blocks are read and decoded.
 
 use super::random::Random;
-use crate::codec::{Matrix, child_vertices, codable_centres};
+use crate::codec::{Matrix, Outline, child_vertices};
 use crate::cut::{DiamondSource, Terrain};
 use crate::lattice::Diamond;
 use crate::{Error, Result};
@@ -59,20 +59,14 @@ fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
     };
     // The first pass verifies checksums and warms the file.
     for (diamond, vertices) in prepared() {
-        terrain.centres(diamond, vertices)?;
+        terrain.refine(diamond, vertices)?;
     }
     let start = Instant::now();
     for (diamond, vertices) in prepared() {
-        black_box(terrain.centres(diamond, vertices)?);
+        black_box(terrain.refine(diamond, vertices)?);
     }
     let seconds = start.elapsed().as_secs_f64();
-    let all = lattice.cells() * lattice.cells();
-    let inside = |&diamond: &Diamond| {
-        let codable = codable_centres(lattice, diamond);
-        codable.map_or(all, |codable| {
-            codable.iter().map(|&entry| usize::from(entry)).sum()
-        })
-    };
+    let inside = |&diamond: &Diamond| Outline::of(lattice, diamond).codable_count(lattice.cells());
     let samples: usize = chosen.iter().map(inside).sum();
     Ok(samples as f64 / seconds / 1e6)
 }
@@ -116,8 +110,8 @@ fn prepare_vertices(terrain: &Terrain, chosen: &[Diamond]) -> Result<HashMap<Dia
     while let Some(generation) = generations.pop() {
         let mut refined = HashMap::with_capacity(known.len());
         for (diamond, vertices) in known {
-            let centres = terrain.centres(diamond, &vertices)?;
-            refined.insert(diamond, (vertices, centres));
+            let next = terrain.refine(diamond, &vertices)?;
+            refined.insert(diamond, next.into_matrices(vertices));
         }
         let gather = |&diamond: &Diamond| {
             let parents = lattice.parents(diamond).map(|parent| {

@@ -1,6 +1,6 @@
 //! The interpolating transform: no update, no filter, the quantiser inside the prediction loop.
 
-use super::{Transform, predict};
+use super::{Coefficients, Synthesis, Target, Transform, Validity, predict};
 
 /// Residuals against the prediction from reconstructed vertices, quantised with step 2e + 1, so that
 /// every reconstructed height is within e of its sample, at every level.
@@ -22,6 +22,13 @@ impl Interpolating {
             minimum,
             maximum,
         }
+    }
+
+    fn predict(&self, vertices: &[i32]) -> Box<[i32]> {
+        let mut predictions = vec![0; self.cells * self.cells].into_boxed_slice();
+        let (low, high) = (self.minimum, self.maximum);
+        predict(self.cells, vertices, low, high, &mut predictions);
+        predictions
     }
 
     /// The quantised residual of a sample.
@@ -49,34 +56,35 @@ impl Interpolating {
 }
 
 impl Transform for Interpolating {
-    fn analyse(
-        &self,
-        vertices: &[i32],
-        samples: &[i32],
-        coded: Option<&[u8]>,
-        coefficients: &mut [i32],
-    ) {
-        predict(
-            self.cells,
-            vertices,
-            self.minimum,
-            self.maximum,
-            coefficients,
-        );
-        for (index, (coefficient, &sample)) in coefficients.iter_mut().zip(samples).enumerate() {
-            let is_coded = coded.is_none_or(|mask| mask[index] != 0);
+    fn analyse(&self, validity: &Validity, vertices: &[i32], target: Target) -> Coefficients {
+        let mut centres = self.predict(vertices);
+        for (index, (coefficient, &sample)) in centres.iter_mut().zip(target.centres).enumerate() {
+            let is_coded = validity.centres.is_none_or(|mask| mask[index] != 0);
             *coefficient = if is_coded {
                 self.quantise(sample, *coefficient)
             } else {
                 0
             };
         }
+        Coefficients {
+            centres,
+            vertices: None,
+        }
     }
 
-    fn synthesise(&self, vertices: &[i32], coefficients: &[i32], centres: &mut [i32]) {
-        predict(self.cells, vertices, self.minimum, self.maximum, centres);
-        for (centre, &coefficient) in centres.iter_mut().zip(coefficients) {
+    fn synthesise(
+        &self,
+        _validity: &Validity,
+        vertices: &[i32],
+        coefficients: &Coefficients,
+    ) -> Synthesis {
+        let mut centres = self.predict(vertices);
+        for (centre, &coefficient) in centres.iter_mut().zip(&coefficients.centres) {
             *centre = self.reconstruct(coefficient, *centre);
+        }
+        Synthesis {
+            vertices: None,
+            centres,
         }
     }
 }

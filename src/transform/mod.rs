@@ -4,25 +4,91 @@ pub mod adaptive;
 mod interpolating;
 mod neville;
 
+use crate::lattice::Apex;
+
 pub use interpolating::Interpolating;
 pub use neville::predict;
 
-/// What turns the samples at a diamond's centres into coefficients, given its vertices, and back.
+/// What turns a diamond's heights on the next level into coefficients, given its heights on its own
+/// level, and back.
 ///
-/// `vertices` is the (N+1)^2 matrix with absent halves reflected; `samples`, `coefficients` and
-/// `centres` are N^2. Integer arithmetic throughout: both directions agree on every machine.
+/// Matrices of vertices are (N+1)^2, with an absent half reflected; matrices of centres are N^2. Integer
+/// arithmetic throughout: both directions agree on every machine.
 pub trait Transform: Send + Sync {
-    /// Coefficients of the samples at the coded centres; zero at all others.
-    ///
-    /// `coded` holds 1 where a centre is coded; `None` means all are.
-    fn analyse(
-        &self,
-        vertices: &[i32],
-        samples: &[i32],
-        coded: Option<&[u8]>,
-        coefficients: &mut [i32],
-    );
+    /// Whether levels are filtered, so that refining changes inner vertices. If not, a vertex keeps one
+    /// height for ever.
+    fn is_filtering(&self) -> bool {
+        false
+    }
 
-    /// Heights at all centres; one with coefficient zero gets its own prediction.
-    fn synthesise(&self, vertices: &[i32], coefficients: &[i32], centres: &mut [i32]);
+    /// One step from fine to coarse: turns the vertices on the next level into those on the diamond's
+    /// own. Only inner ones that are valid change.
+    fn filter(&self, validity: &Validity, vertices: &mut [i32], centres: &[i32]) {
+        let _ = (validity, vertices, centres);
+    }
+
+    /// Which inner vertices have coefficients beside the centres: N^2, where entry `[j * N + i]` is 1 if
+    /// vertex (i, j) has; row 0 and column 0 are 0. `None` for transforms without such coefficients.
+    fn coded_vertices(&self, validity: &Validity) -> Option<Box<[u8]>> {
+        let _ = validity;
+        None
+    }
+
+    /// Coefficients that lead from decoded `vertices` to `target`; zero at all centres that are not valid.
+    fn analyse(&self, validity: &Validity, vertices: &[i32], target: Target) -> Coefficients;
+
+    /// The heights on the next level. A centre that is not valid gets its own prediction, a vertex that
+    /// is not keeps its height.
+    fn synthesise(
+        &self,
+        validity: &Validity,
+        vertices: &[i32],
+        coefficients: &Coefficients,
+    ) -> Synthesis;
+}
+
+/// Which heights of a diamond are samples', known before any of its coefficients.
+#[derive(Clone, Copy, Debug)]
+pub struct Validity<'a> {
+    /// (N+1)^2, an absent half reflected: 0 where a vertex is void or outside; `None` when none is.
+    pub vertices: Option<&'a [u8]>,
+    /// N^2: 0 where a centre is void, outside, or in an absent half; `None` when none is.
+    pub centres: Option<&'a [u8]>,
+    /// The apex of the half that is not present, if one is not.
+    pub absent: Option<Apex>,
+}
+
+/// Heights on the next level that coefficients should lead to.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    /// (N+1)^2; without meaning where not valid.
+    pub vertices: &'a [i32],
+    /// N^2; without meaning where not valid.
+    pub centres: &'a [i32],
+}
+
+/// Quantised coefficients.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Coefficients {
+    /// N^2.
+    pub centres: Box<[i32]>,
+    /// N^2, placed as by [`Transform::coded_vertices`]; `None` where that is.
+    pub vertices: Option<Box<[i32]>>,
+}
+
+impl Coefficients {
+    /// Whether all are 0.
+    pub fn are_zero(&self) -> bool {
+        let vertices = self.vertices.as_deref().unwrap_or_default();
+        self.centres.iter().chain(vertices).all(|&entry| entry == 0)
+    }
+}
+
+/// Heights on the next level.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Synthesis {
+    /// (N+1)^2; `None` where they are those of the diamond's own level.
+    pub vertices: Option<Box<[i32]>>,
+    /// N^2.
+    pub centres: Box<[i32]>,
 }

@@ -1,6 +1,6 @@
 //! A source of diamonds straight out of a raster, without any codec.
 
-use kimberlite::codec::{Matrix, child_vertices, codable_centres};
+use kimberlite::codec::{Matrix, Outline, Refined, child_vertices};
 use kimberlite::cut::{DiamondSource, Summary};
 use kimberlite::geo::Frame;
 use kimberlite::lattice::{Diamond, Lattice, Placement};
@@ -101,10 +101,10 @@ impl MemorySource {
         let [low, high] = self.raster.range;
         predict(cells, &vertices.values, low, high, &mut values);
         let mut valid = vec![0; cells * cells].into_boxed_slice();
-        let codable = codable_centres(&self.lattice, diamond);
+        let outline = Outline::of(&self.lattice, diamond);
         let placement = self.lattice.placement(diamond);
         for index in 0..cells * cells {
-            if codable.as_ref().is_some_and(|codable| codable[index] == 0) {
+            if !outline.is_codable(index) {
                 continue;
             }
             if let Some(sample) = self
@@ -153,13 +153,16 @@ impl DiamondSource for MemorySource {
         })
     }
 
-    fn centres(&self, diamond: Diamond, vertices: &Matrix) -> Result<Matrix> {
+    fn refine(&self, diamond: Diamond, vertices: &Matrix) -> Result<Refined> {
         self.asked.lock().unwrap().push((diamond, Instant::now()));
         std::thread::sleep(self.delay);
         if self.broken.contains(&diamond) {
             return Err(Error::Argument("a broken block".into()));
         }
-        Ok(self.centres_of(diamond, vertices))
+        Ok(Refined {
+            vertices: None,
+            centres: self.centres_of(diamond, vertices),
+        })
     }
 }
 

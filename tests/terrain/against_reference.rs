@@ -50,8 +50,8 @@ fn decoded(terrain: &Terrain) -> HashMap<Diamond, (Matrix, Option<Matrix>)> {
                 });
                 child_vertices(lattice, diamond, parents)
             };
-            let centres =
-                (level < lattice.levels()).then(|| terrain.centres(diamond, &vertices).unwrap());
+            let centres = (level < lattice.levels())
+                .then(|| terrain.refine(diamond, &vertices).unwrap().centres);
             all.insert(diamond, (vertices, centres));
         }
     }

@@ -1,0 +1,90 @@
+//! The stored error and height range of every diamond.
+
+use super::descent::Descent;
+use super::levels::Levels;
+use super::surface::LeafSurface;
+use super::workers::map_in_order;
+use crate::Result;
+use crate::codec::{ErrorCode, Matrix, RangeCode};
+
+/// Error, low and high code of every diamond by rank (`codec::bounds`), after a whole descent. `range`
+/// contains every decoded height. `step` is told of samples measured.
+pub(super) fn summary_codes(
+    levels: &Levels,
+    descent: &Descent,
+    range: [i32; 2],
+    threads: usize,
+    step: &mut dyn FnMut(u64) -> Result<()>,
+) -> Result<Vec<[u8; 3]>> {
+    let lattice = levels.lattice;
+    let count = lattice.diamond_count() as usize;
+    let surface = LeafSurface {
+        lattice,
+        plane: levels.plane,
+        heights: &descent.heights,
+    };
+    let mut errors = Vec::with_capacity(count);
+    let per_level = levels.plane.samples.len() as u64;
+    let measure =
+        |rank: usize| surface.error_of(lattice.diamond(rank as u64), &descent.vertices[rank]);
+    map_in_order(threads, count, measure, |rank, error| {
+        errors.push(error);
+        let ranks = lattice.level_ranks(lattice.diamond(rank as u64).level());
+        step(per_level / (ranks.end - ranks.start))
+    })?;
+    let ranges = nest(levels, descent, &mut errors);
+    Ok(encode(levels, &errors, &ranges, range))
+}
+
+/// Makes every diamond's error and range contain those of its children; returns the ranges.
+fn nest(levels: &Levels, descent: &Descent, errors: &mut [f64]) -> Vec<[i32; 2]> {
+    let (lattice, count) = (levels.lattice, errors.len());
+    let mut ranges: Vec<[i32; 2]> = descent.vertices[..count].iter().map(extremes).collect();
+    let last_level = lattice.levels().saturating_sub(1);
+    let last_start = count - descent.refined.len().min(count);
+    for rank in (0..count).rev() {
+        let diamond = lattice.diamond(rank as u64);
+        if diamond.level() == last_level {
+            let refined = &descent.refined[rank - last_start];
+            ranges[rank] = union(ranges[rank], extremes(&refined.centres));
+            if let Some(vertices) = &refined.vertices {
+                ranges[rank] = union(ranges[rank], extremes(vertices));
+            }
+        }
+        for parent in lattice.parents(diamond).into_iter().flatten() {
+            let parent = lattice.rank(parent) as usize;
+            errors[parent] = errors[parent].max(errors[rank]);
+            ranges[parent] = union(ranges[parent], ranges[rank]);
+        }
+    }
+    ranges
+}
+
+fn encode(levels: &Levels, errors: &[f64], ranges: &[[i32; 2]], whole: [i32; 2]) -> Vec<[u8; 3]> {
+    let lattice = levels.lattice;
+    let mut decoded: Vec<[i32; 2]> = Vec::with_capacity(ranges.len());
+    let mut codes = Vec::with_capacity(ranges.len());
+    for (rank, (&error, &range)) in errors.iter().zip(ranges).enumerate() {
+        let parents = lattice.parents(lattice.diamond(rank as u64));
+        let reference = match parents.into_iter().flatten().next() {
+            Some(parent) => decoded[lattice.rank(parent) as usize],
+            None => whole,
+        };
+        let code = RangeCode::covering(range, reference);
+        decoded.push(code.range(reference));
+        codes.push([ErrorCode::covering(error).0, code.low, code.high]);
+    }
+    codes
+}
+
+/// Least and greatest height of a matrix.
+pub(super) fn extremes(matrix: &Matrix) -> [i32; 2] {
+    let least = matrix.values.iter().copied().min().unwrap_or_default();
+    let greatest = matrix.values.iter().copied().max().unwrap_or_default();
+    [least, greatest]
+}
+
+/// The least range that contains both.
+pub(super) fn union(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
