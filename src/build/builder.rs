@@ -117,7 +117,7 @@ pub fn build(
         }
     };
     let transform =
-        Interpolating::new(lattice.cells(), units.bound, units.range[0], units.range[1]);
+        Interpolating::new(lattice.cells(), units.quantiser());
     let codec = BlockCodec::new(lattice.cells(), plane.void_samples > 0, Box::new(transform));
     let levels = Levels::new(
         &lattice,

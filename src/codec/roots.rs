@@ -4,19 +4,19 @@
 use super::{BlockError, Matrix};
 use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
 use crate::lattice::Lattice;
-use crate::transform::Interpolating;
+use crate::transform::Quantiser;
 
 /// Codes the (N+1)^2 vertices of a root.
 pub struct RootCodec<'a> {
     lattice: &'a Lattice,
-    quantiser: Interpolating,
+    quantiser: Quantiser,
     range: [i32; 2],
 }
 
 impl<'a> RootCodec<'a> {
     /// A codec for the root of `lattice`, with the quantiser's bound e and the range of units.
     pub fn new(lattice: &'a Lattice, bound: i32, range: [i32; 2]) -> RootCodec<'a> {
-        let quantiser = Interpolating::new(lattice.cells(), bound, range[0], range[1]);
+        let quantiser = Quantiser::new(bound, range[0], range[1]);
         RootCodec {
             lattice,
             quantiser,

@@ -2,7 +2,7 @@
 //!
 //! Sums are taken in a fixed order and nothing is fused, so that every machine finds the same weights.
 
-use crate::transform::adaptive::{ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights, Word};
+use crate::transform::adaptive::{ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights};
 
 /// Rounds of fitting: two for the activity, one to see where it lies, one for each class.
 pub const ROUNDS: usize = 4;
@@ -89,8 +89,6 @@ impl<const N: usize> Equations<N> {
 /// Finds weights in rounds, each of which sees the same samples by the weights of the one before.
 pub struct Trainer {
     weights: Weights,
-    /// The quantiser's step in quarters of a unit.
-    step: f64,
     round: usize,
 }
 
@@ -126,11 +124,10 @@ impl Fit {
 }
 
 impl Trainer {
-    /// Begins with the fixed rule, for a quantiser with this step in units.
-    pub fn new(step: i64) -> Trainer {
+    /// Begins with the fixed rule.
+    pub fn new() -> Trainer {
         Trainer {
             weights: Weights::fixed(),
-            step: 4.0 * step as f64,
             round: 0,
         }
     }
@@ -140,20 +137,12 @@ impl Trainer {
         &self.weights
     }
 
-    /// Takes in a sample: what was known of it, and by how much, in quarters of a shifted unit, it differs
-    /// from the prediction by order 2 and from that of the weights so far.
-    pub fn see<T: Word>(
-        &self,
-        fit: &mut Fit,
-        sight: &Sight,
-        from_order_two: f64,
-        residual: f64,
-        shift: u32,
-    ) {
-        let step = self.step / f64::from(1u32 << shift.min(30));
-        let activity = sight.activity::<T>(&self.weights);
-        let quarter = Weights::quarter(activity);
-        fit.quarters[quarter as usize % QUARTERS] += 1;
+    /// Takes in a sample: what was known of it and its activity, and in quarters of a shifted unit by how much
+    /// it differs from the prediction by order 2 and from that of the weights so far, and the quantiser's
+    /// step.
+    pub fn see(&self, fit: &mut Fit, sight: &Sight, activity: i32, misses: [f64; 2], step: f64) {
+        let [from_order_two, residual] = misses;
+        fit.quarters[Weights::quarter(activity) as usize % QUARTERS] += 1;
         // A miss tells less where the surface is rough, and nothing below the quantiser's step.
         let rough = if self.round == 0 {
             let parts = sight.activities.iter().map(|&part| f64::from(part));
@@ -161,17 +150,13 @@ impl Trainer {
         } else {
             f64::from(activity) / ACTIVITY_UNIT
         };
-        let scale = rough + 0.3 * step;
+        let scale = 1e-3 + rough + 0.3 * step;
         let class = Weights::class(self.weights.context(activity));
         let weight = 1.0 / (0.3 * residual * residual + scale * scale);
         fit.prediction[class].add(&sight.features, from_order_two, weight);
         let scale = scale + 0.1 * step;
         let weight = 1.0 / (0.3 * residual * residual + scale * scale);
         fit.activity.add(&sight.activities, residual.abs(), weight);
-    }
-
-    pub fn see_dyn<T: Word>(&self, n: &crate::transform::adaptive::Neighbourhood<T>, fit: &mut Fit, sight: &Sight, a: f64, b: f64) {
-        self.see::<T>(fit, sight, a, b, n.shift());
     }
 
     /// Ends a round.

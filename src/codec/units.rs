@@ -1,6 +1,7 @@
 //! Integer units of a raster's samples, and the quantiser's bound in them.
 
 use crate::geo::{RasterInfo, SampleType};
+use crate::transform::Quantiser;
 use crate::{Error, Result};
 
 /// `sample = unit * scale + offset`, clamped to the samples' own range.
@@ -123,6 +124,11 @@ impl Units {
     fn nodata_is_in_range(&self) -> bool {
         self.nodata
             .is_some_and(|nodata| self.sample_range[0] <= nodata && nodata <= self.sample_range[1])
+    }
+
+    /// The quantiser of the bound, for units of the range.
+    pub fn quantiser(&self) -> Quantiser {
+        Quantiser::new(self.bound, self.range[0], self.range[1])
     }
 
     /// The unit nearest to a valid sample.

@@ -46,7 +46,7 @@ impl Terrain {
             .decode(store.roots())
             .map_err(|error| damaged(format!("roots: {error}")))?;
         let transform =
-            Interpolating::new(lattice.cells(), units.bound, units.range[0], units.range[1]);
+            Interpolating::new(lattice.cells(), units.quantiser());
         let has_voids = header.void_samples > 0;
         let codec = BlockCodec::new(lattice.cells(), has_voids, Box::new(transform));
         let frame = Frame::of(info);

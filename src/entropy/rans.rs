@@ -24,6 +24,7 @@ const LENGTH_BITS: u32 = 4;
 
 /// The tables of some contexts, made for decoding and encoding. One more context than was given is
 /// there: the last one, in which every symbol is 0 and costs nothing.
+#[derive(Clone)]
 pub struct Tables {
     /// For each context its 2048 slots: symbol, frequency less one << 8, slot less first slot << 19.
     pub(super) slots: Vec<u32>,

@@ -66,7 +66,7 @@ impl Weights {
 }
 
 /// Integers that a diamond's relative heights are kept in.
-pub trait Word: Copy + Default + Send + Sync {
+pub(super) trait Word: Copy + Default + Send + Sync {
     /// Largest magnitude of a relative height; four of them still fit.
     const REACH: i32;
     /// Largest magnitude of any number that is kept.
@@ -130,18 +130,12 @@ pub struct Sight {
 impl Sight {
     /// How far off a prediction may be, by these weights.
     #[inline(always)]
-    pub fn activity<T: Word>(&self, weights: &Weights) -> i32 {
+    fn activity<T: Word>(&self, weights: &Weights) -> i32 {
         let parts = self.activities.iter().zip(&weights.activity);
         let activity = parts.fold(0, |sum, (&part, &weight)| {
             sum + i64::from(part) * i64::from(weight)
         });
         T::wrap(activity).clamp(0, i64::from(i32::MAX)) as i32
-    }
-
-    /// Where order 4 expects the centre.
-    #[inline(always)]
-    fn expected<T: Word>(&self) -> i32 {
-        saturate::<T>(self.order_two + self.order_four)
     }
 }
 
@@ -157,7 +151,7 @@ const RIM: usize = 1;
 pub(super) const ROW_RIM: usize = 2;
 
 /// A diamond in the making: its vertices, and of the centres what the next row needs.
-pub struct Neighbourhood<T> {
+pub(super) struct Neighbourhood<T> {
     pub(super) cells: usize,
     /// Entries from one row of `vertices` to the next.
     pub(super) stride: usize,
@@ -177,22 +171,6 @@ pub struct Neighbourhood<T> {
     pub(super) row: usize,
 }
 
-impl<T: Word> Default for Neighbourhood<T> {
-    fn default() -> Self {
-        Neighbourhood {
-            cells: 0,
-            stride: 0,
-            base: 0,
-            shift: 0,
-            vertices: Vec::new(),
-            surprises: [Vec::new(), Vec::new()],
-            above: Vec::new(),
-            companion: Vec::new(),
-            row: 0,
-        }
-    }
-}
-
 /// Least and greatest of some heights.
 fn extremes(values: &[i32]) -> (i32, i32) {
     values
@@ -202,64 +180,49 @@ fn extremes(values: &[i32]) -> (i32, i32) {
         })
 }
 
-/// Whether the vertices of a diamond fit 16-bit words without a shift.
-pub fn is_narrow(vertices: &[i32]) -> bool {
-    let (low, high) = extremes(vertices);
-    i64::from(high) - i64::from(low) <= 2 * i64::from(i16::REACH)
-}
-
 impl<T: Word> Neighbourhood<T> {
-    /// Starts with the (N+1)^2 vertices of a diamond, at its first row of centres.
-    pub fn start(&mut self, cells: usize, vertices: &[i32]) {
-        let (low, high) = extremes(vertices);
+    /// A diamond with the (N+1)^2 `vertices`, whose least and greatest are given, at its first row of
+    /// centres.
+    fn new(cells: usize, vertices: &[i32], low: i32, high: i32) -> Neighbourhood<T> {
         let span = i64::from(high) - i64::from(low);
-        self.base = ((i64::from(low) + i64::from(high)) >> 1) as i32;
-        self.shift = 0;
-        while span >> self.shift > 2 * i64::from(T::REACH) {
-            self.shift += 1;
-        }
-        self.cells = cells;
-        self.stride = cells + 1 + 2 * RIM + VECTOR_SLACK;
-        self.row = 0;
-        let (stride, side) = (self.stride, cells + 1);
-        self.vertices.clear();
-        self.vertices
-            .resize((side + 2 * RIM) * stride + VECTOR_SLACK, T::default());
+        let shifts = 0..i32::BITS;
+        let fits = |shift: &u32| span >> shift <= 2 * i64::from(T::REACH);
+        let side = cells + 1;
+        let stride = side + 2 * RIM + VECTOR_SLACK;
+        let row = || vec![T::default(); cells + 2 * ROW_RIM + VECTOR_SLACK];
+        let mut neighbourhood = Neighbourhood {
+            cells,
+            stride,
+            base: ((i64::from(low) + i64::from(high)) >> 1) as i32,
+            shift: shifts.into_iter().find(fits).unwrap_or(0),
+            vertices: vec![T::default(); (side + 2 * RIM) * stride + VECTOR_SLACK],
+            surprises: [row(), row()],
+            above: row(),
+            companion: row(),
+            row: 0,
+        };
+        neighbourhood.fill(vertices);
+        neighbourhood
+    }
+
+    /// Places the vertices and copies the outermost into the rim.
+    fn fill(&mut self, vertices: &[i32]) {
+        let (stride, side) = (self.stride, self.cells + 1);
         for (j, row) in vertices.chunks_exact(side).enumerate() {
-            let start = (j + RIM) * stride;
-            for (i, &vertex) in row.iter().enumerate() {
-                self.vertices[start + RIM + i] = T::narrow(relative::<T>(vertex, self.base, self.shift));
+            let own = &mut self.vertices[(j + RIM) * stride..(j + RIM + 1) * stride];
+            for (own, &vertex) in own[RIM..].iter_mut().zip(row) {
+                *own = T::narrow(relative::<T>(vertex, self.base, self.shift));
             }
-            self.vertices[start] = self.vertices[start + RIM];
-            self.vertices[start + RIM + side] = self.vertices[start + side];
+            own[0] = own[RIM];
+            own[RIM + side] = own[side];
         }
         self.vertices.copy_within(stride..2 * stride, 0);
         self.vertices
             .copy_within(side * stride..(side + 1) * stride, (side + 1) * stride);
-        let width = cells + 2 * ROW_RIM + VECTOR_SLACK;
-        for row in self
-            .surprises
-            .iter_mut()
-            .chain([&mut self.above, &mut self.companion])
-        {
-            row.clear();
-            row.resize(width, T::default());
-        }
     }
 
-    /// The height that a relative 0 stands for.
-    pub fn base(&self) -> i32 {
-        self.base
-    }
-
-    /// Bits that relative heights are shifted down by.
-    pub fn shift(&self) -> u32 {
-        self.shift
-    }
-
-    /// What is known of centre `i` of the row at hand.
     #[inline(always)]
-    pub fn sight(&self, i: usize) -> Sight {
+    fn look(&self, i: usize) -> Sight {
         let sat = saturate::<T>;
         let rows: [&[T]; 4] = std::array::from_fn(|j| {
             let start = (self.row + j) * self.stride + i;
@@ -364,18 +327,6 @@ impl<T: Word> Neighbourhood<T> {
     }
 }
 
-/// The constant part of an activity.
-pub(super) const UNIT_ACTIVITY: i32 = 16;
-/// Entries that vectors may read or write beyond the last one that counts.
-pub(super) const VECTOR_SLACK: usize = 16;
-
-/// A height relative to the base, within reach.
-#[inline(always)]
-fn relative<T: Word>(height: i32, base: i32, shift: u32) -> i32 {
-    let offset = (i64::from(height) - i64::from(base)) >> shift;
-    offset.clamp(-i64::from(T::REACH), i64::from(T::REACH)) as i32
-}
-
 /// What is known of a row before it is coded.
 #[derive(Clone, Debug, Default)]
 pub struct Outlook {
@@ -398,11 +349,47 @@ impl Outlook {
     }
 }
 
-impl<T: Word> Neighbourhood<T> {
+/// A diamond whose rows are gone through from the first to the last: each is foreseen, coded by the caller,
+/// and completed.
+pub trait Surroundings {
     /// Contexts and predictions of the row at hand.
-    pub fn foresee(&self, weights: &Weights, outlook: &mut Outlook) {
+    fn foresee(&self, weights: &Weights, outlook: &mut Outlook);
+
+    /// Contexts of the row at hand, for coefficients whose predictions are made elsewhere.
+    fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook);
+
+    /// Ends a row whose centres were foreseen and are known now.
+    fn complete(&mut self, centres: &[i32], outlook: &Outlook);
+
+    /// Ends a row of coefficients, each worth `step` units.
+    fn complete_coefficients(&mut self, coefficients: &[i32], step: i32);
+
+    /// Tells of the coefficients at the same place in a matrix that is known, each worth `step` units.
+    fn accompany(&mut self, coefficients: &[i32], step: i32);
+
+    /// What is known of centre `i` of the row at hand, and its activity.
+    fn sight(&self, i: usize, weights: &Weights) -> (Sight, i32);
+
+    /// A height in quarters of a shifted unit, as sights are.
+    fn quarters(&self, height: i32) -> f64;
+}
+
+/// The surroundings of the N^2 centres of a diamond with these (N+1)^2 vertices. `vectors` allows what the
+/// processor has, to the same result.
+pub fn surroundings(cells: usize, vertices: &[i32], vectors: bool) -> Box<dyn Surroundings> {
+    let (low, high) = extremes(vertices);
+    if i64::from(high) - i64::from(low) > 2 * i64::from(i16::REACH) {
+        return Box::new(Neighbourhood::<i32>::new(cells, vertices, low, high));
+    }
+    let narrow = Neighbourhood::<i16>::new(cells, vertices, low, high);
+    let _ = vectors;
+    Box::new(narrow)
+}
+
+impl<T: Word> Surroundings for Neighbourhood<T> {
+    fn foresee(&self, weights: &Weights, outlook: &mut Outlook) {
         for i in 0..self.cells {
-            let sight = self.sight(i);
+            let sight = self.look(i);
             let context = weights.context(sight.activity::<T>(weights));
             let class = Weights::class(context);
             let correction = sight.features.iter().zip(&weights.prediction);
@@ -413,12 +400,17 @@ impl<T: Word> Neighbourhood<T> {
             let offset = T::wrap(total) >> (WEIGHT_BITS + 2) << self.shift;
             outlook.contexts[i] = context as u8;
             outlook.predictions[i] = (i64::from(self.base) + offset) as i32;
-            outlook.expected[i] = sight.expected::<T>();
+            outlook.expected[i] = saturate::<T>(sight.order_two + sight.order_four);
         }
     }
 
-    /// Ends a row whose centres were predicted and are known now.
-    pub fn complete(&mut self, centres: &[i32], outlook: &Outlook) {
+    fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook) {
+        for (i, context) in outlook.contexts.iter_mut().enumerate() {
+            *context = weights.context(self.look(i).activity::<T>(weights)) as u8;
+        }
+    }
+
+    fn complete(&mut self, centres: &[i32], outlook: &Outlook) {
         let ([newest, older], above) = (&mut self.surprises, &mut self.above);
         std::mem::swap(newest, older);
         let (base, shift) = (self.base, self.shift);
@@ -431,22 +423,50 @@ impl<T: Word> Neighbourhood<T> {
         self.row += 1;
     }
 
-    /// Contexts of the row at hand, for coefficients whose predictions are made elsewhere.
-    pub fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook) {
-        for (i, context) in outlook.contexts.iter_mut().enumerate() {
-            *context = weights.context(self.sight(i).activity::<T>(weights)) as u8;
-        }
-    }
-
-    /// Ends a row of such coefficients, each worth `step` units.
-    pub fn complete_coefficients(&mut self, coefficients: &[i32], step: i32) {
+    fn complete_coefficients(&mut self, coefficients: &[i32], step: i32) {
         let [newest, older] = &mut self.surprises;
         std::mem::swap(newest, older);
+        let shift = self.shift;
         for (i, &coefficient) in coefficients.iter().enumerate() {
-            let residual = (4 * i64::from(coefficient) * i64::from(step)) >> self.shift;
-            let limit = i64::from(T::LIMIT);
-            newest[i + ROW_RIM] = T::narrow(residual.clamp(-limit, limit) as i32);
+            newest[i + ROW_RIM] = T::narrow(residual::<T>(coefficient, step, shift));
         }
         self.row += 1;
     }
+
+    fn accompany(&mut self, coefficients: &[i32], step: i32) {
+        let shift = self.shift;
+        for (i, &coefficient) in coefficients.iter().enumerate() {
+            let size = residual::<T>(coefficient, step, shift).abs();
+            self.companion[i + ROW_RIM] = T::narrow(size);
+        }
+    }
+
+    fn sight(&self, i: usize, weights: &Weights) -> (Sight, i32) {
+        let sight = self.look(i);
+        (sight, sight.activity::<T>(weights))
+    }
+
+    fn quarters(&self, height: i32) -> f64 {
+        let offset = f64::from(height) - f64::from(self.base);
+        4.0 * offset / (1u64 << self.shift) as f64
+    }
 }
+
+/// A coefficient in quarters of a shifted unit.
+#[inline(always)]
+fn residual<T: Word>(coefficient: i32, step: i32, shift: u32) -> i32 {
+    let residual = (4 * i64::from(coefficient) * i64::from(step)) >> shift;
+    residual.clamp(-i64::from(T::LIMIT), i64::from(T::LIMIT)) as i32
+}
+
+/// A height relative to the base, within reach.
+#[inline(always)]
+fn relative<T: Word>(height: i32, base: i32, shift: u32) -> i32 {
+    let offset = (i64::from(height) - i64::from(base)) >> shift;
+    offset.clamp(-i64::from(T::REACH), i64::from(T::REACH)) as i32
+}
+
+/// The constant part of an activity.
+pub(super) const UNIT_ACTIVITY: i32 = 16;
+/// Entries that vectors may read or write beyond the last one that counts.
+pub(super) const VECTOR_SLACK: usize = 16;

@@ -3,11 +3,13 @@
 pub mod adaptive;
 mod interpolating;
 mod neville;
+mod quantiser;
 
 use crate::lattice::Apex;
 
 pub use interpolating::Interpolating;
 pub use neville::predict;
+pub use quantiser::{ListedHeights, Quantiser, LONGEST_LIST};
 
 /// What turns a diamond's heights on the next level into coefficients, given its heights on its own
 /// level, and back.

@@ -1,0 +1,158 @@
+//! The quantiser inside the prediction loop.
+
+/// Turns the distance of a height from its prediction into a coefficient, and back.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Quantiser {
+    bound: i32,
+    minimum: i32,
+    maximum: i32,
+    listed: Option<ListedHeights>,
+}
+
+impl Quantiser {
+    /// Step 2e + 1 for the bound e (at most 2^30 - 1): every reconstructed height is within e of its
+    /// sample. Heights are within `[minimum, maximum]`.
+    pub fn new(bound: i32, minimum: i32, maximum: i32) -> Quantiser {
+        Quantiser {
+            bound,
+            minimum,
+            maximum,
+            listed: None,
+        }
+    }
+
+    /// Lossless, counting in listed heights instead of units.
+    pub fn of_listed(listed: ListedHeights) -> Quantiser {
+        Quantiser {
+            bound: 0,
+            minimum: listed.heights[0],
+            maximum: listed.heights[listed.heights.len() - 1],
+            listed: Some(listed),
+        }
+    }
+
+    /// 2e + 1.
+    pub fn step(&self) -> i32 {
+        // e is at most 2^30 - 1.
+        2 * self.bound + 1
+    }
+
+    /// The heights that are counted in, where not all are.
+    pub fn listed(&self) -> Option<&ListedHeights> {
+        self.listed.as_ref()
+    }
+
+    /// Least and greatest height.
+    pub fn range(&self) -> [i32; 2] {
+        [self.minimum, self.maximum]
+    }
+
+    /// The coefficient of a sample whose prediction is within the range.
+    #[inline]
+    pub fn quantise(&self, sample: i32, prediction: i32) -> i32 {
+        if let Some(listed) = &self.listed {
+            return listed.rank(sample) - listed.rank(prediction);
+        }
+        if self.bound == 0 {
+            return sample.wrapping_sub(prediction);
+        }
+        let bound = i64::from(self.bound);
+        let residual = i64::from(sample) - i64::from(prediction);
+        (residual + bound).div_euclid(2 * bound + 1) as i32
+    }
+
+    /// The height that a coefficient stands for.
+    #[inline]
+    pub fn reconstruct(&self, coefficient: i32, prediction: i32) -> i32 {
+        if let Some(listed) = &self.listed {
+            return listed.height(listed.rank(prediction).wrapping_add(coefficient));
+        }
+        if self.bound == 0 {
+            // Wrapping: a residual of full-range samples needs 33 bits, its sum only 32.
+            return prediction
+                .wrapping_add(coefficient)
+                .clamp(self.minimum, self.maximum);
+        }
+        let value = i64::from(prediction) + i64::from(coefficient) * i64::from(self.step());
+        value.clamp(i64::from(self.minimum), i64::from(self.maximum)) as i32
+    }
+
+    /// Clamps the predictions of a row to the range, and replaces the row's coefficients by the heights
+    /// that they stand for.
+    #[inline]
+    pub fn reconstruct_row(&self, predictions: &[i32], row: &mut [i32]) {
+        let (low, high) = (self.minimum, self.maximum);
+        if self.listed.is_some() || i64::from(high) - i64::from(low) >= 1 << 30 {
+            for (height, &prediction) in row.iter_mut().zip(predictions) {
+                *height = self.reconstruct(*height, prediction.clamp(low, high));
+            }
+            return;
+        }
+        // No sum of sound coefficients leaves 32 bits here; damaged ones wrap before they are clamped.
+        let step = self.step();
+        for (height, &prediction) in row.iter_mut().zip(predictions) {
+            let prediction = prediction.clamp(low, high);
+            *height = prediction
+                .wrapping_add(height.wrapping_mul(step))
+                .clamp(low, high);
+        }
+    }
+}
+
+/// The heights that a raster has, where it has few of those in its range.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ListedHeights {
+    heights: Vec<i32>,
+    /// For each height from the least on, how many listed ones are below it.
+    ranks: Vec<i32>,
+}
+
+/// Greatest range of a list, which bounds its memory.
+pub const LONGEST_LIST: usize = 1 << 20;
+
+impl ListedHeights {
+    /// From the least height and, for it and each that follows, whether the raster has it. `None`
+    /// unless the first and the last are there, and no more than [`LONGEST_LIST`].
+    pub fn new(least: i32, present: &[bool]) -> Option<ListedHeights> {
+        let ends = (present.first()?, present.last()?);
+        if ends != (&true, &true) || present.len() > LONGEST_LIST {
+            return None;
+        }
+        least.checked_add(present.len() as i32)?;
+        let mut listed = ListedHeights {
+            heights: Vec::new(),
+            ranks: Vec::with_capacity(present.len()),
+        };
+        for (height, &present) in (least..).zip(present) {
+            listed.ranks.push(listed.heights.len() as i32);
+            if present {
+                listed.heights.push(height);
+            }
+        }
+        Some(listed)
+    }
+
+    /// The least height.
+    pub fn least(&self) -> i32 {
+        self.heights[0]
+    }
+
+    /// For the least height and each that follows, whether it is listed.
+    pub fn present(&self) -> Vec<bool> {
+        let mut present = vec![false; self.ranks.len()];
+        for &height in &self.heights {
+            present[(height - self.least()) as usize] = true;
+        }
+        present
+    }
+
+    #[inline]
+    fn rank(&self, height: i32) -> i32 {
+        self.ranks[(height - self.heights[0]) as usize]
+    }
+
+    #[inline]
+    fn height(&self, rank: i32) -> i32 {
+        self.heights[rank.clamp(0, self.heights.len() as i32 - 1) as usize]
+    }
+}
