@@ -4,6 +4,7 @@ mod builder;
 mod descent;
 mod levels;
 mod plane;
+mod rms;
 pub mod source;
 mod summaries;
 mod surface;

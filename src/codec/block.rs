@@ -118,11 +118,36 @@ impl BlockCodec {
             (voids, Some(rest))
         };
         let coded = coded_centres(outline, voids.as_deref());
+        let coefficients = self.decode_coefficients(&validity(vertices, outline, &coded), rest)?;
+        Ok(self.refine(vertices, outline, coded, &coefficients))
+    }
+
+    /// What [`decode`](Self::decode) gives for the block that [`encode`](Self::encode) makes of the same.
+    pub fn preview(
+        &self,
+        vertices: &Matrix,
+        outline: &Outline,
+        target: Target,
+        voids: Option<&[u8]>,
+    ) -> Refined {
+        let coded = coded_centres(outline, voids);
         let validity = validity(vertices, outline, &coded);
-        let coefficients = self.decode_coefficients(&validity, rest)?;
-        let heights = self
-            .transform
-            .synthesise(&validity, &vertices.values, &coefficients);
+        let coefficients = self.transform.analyse(&validity, &vertices.values, target);
+        self.refine(vertices, outline, coded, &coefficients)
+    }
+
+    fn refine(
+        &self,
+        vertices: &Matrix,
+        outline: &Outline,
+        coded: Option<Mask>,
+        coefficients: &Coefficients,
+    ) -> Refined {
+        let heights = self.transform.synthesise(
+            &validity(vertices, outline, &coded),
+            &vertices.values,
+            coefficients,
+        );
         let centres = match coded {
             Some(valid) => Matrix::new(heights.centres, valid),
             None => Matrix {
@@ -134,7 +159,7 @@ impl BlockCodec {
             values,
             valid: vertices.valid.clone(),
         });
-        Ok(Refined { vertices, centres })
+        Refined { vertices, centres }
     }
 
     /// The coefficients in the bytes that end a block; all zero for the empty block.

@@ -4,8 +4,7 @@ use super::source::{DiamondSource, Summary};
 use crate::codec::{BlockCodec, ErrorCode, Matrix, Outline, RangeCode, Refined, RootCodec, Units};
 use crate::geo::{Frame, RasterInfo};
 use crate::lattice::{Diamond, Lattice};
-use crate::store::{Access, DomainKind, EntropyKind, Header, Kind, Store, TransformKind};
-use crate::transform::Interpolating;
+use crate::store::{Access, DomainKind, EntropyKind, Header, Kind, Store};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -42,13 +41,12 @@ impl Terrain {
             return Err(damaged("header: its numbers contradict each other".into()));
         }
         let units = units_of(header);
-        let root = RootCodec::new(&lattice, units.bound, units.range)
+        let (kind, cells) = (header.transform, lattice.cells());
+        let transform = kind.transform(cells, units.bound, units.range);
+        let root = RootCodec::new(&lattice, units.bound, transform.range())
             .decode(store.roots())
             .map_err(|error| damaged(format!("roots: {error}")))?;
-        let transform =
-            Interpolating::new(lattice.cells(), units.bound, units.range[0], units.range[1]);
-        let has_voids = header.void_samples > 0;
-        let codec = BlockCodec::new(lattice.cells(), has_voids, Box::new(transform));
+        let codec = BlockCodec::new(cells, header.void_samples > 0, transform);
         let frame = Frame::of(info);
         Ok(Terrain {
             lattice,
@@ -135,7 +133,6 @@ impl DiamondSource for Terrain {
 fn require_known(path: &Path, header: &Header) -> Result<()> {
     let known = header.kind == Kind::Heights
         && header.domain == DomainKind::Planar
-        && header.transform == TransformKind::Interpolating
         && header.entropy == EntropyKind::Gamma;
     if known {
         return Ok(());
@@ -143,8 +140,8 @@ fn require_known(path: &Path, header: &Header) -> Result<()> {
     Err(Error::Version {
         path: path.to_path_buf(),
         message: format!(
-            "this version reads planar heights by interpolating and gamma, not {:?} {:?} by {:?} and {:?}",
-            header.domain, header.kind, header.transform, header.entropy
+            "this version reads planar heights by gamma, not {:?} {:?} by {:?}",
+            header.domain, header.kind, header.entropy
         ),
     })
 }

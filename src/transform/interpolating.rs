@@ -56,6 +56,10 @@ impl Interpolating {
 }
 
 impl Transform for Interpolating {
+    fn range(&self) -> [i32; 2] {
+        [self.minimum, self.maximum]
+    }
+
     fn analyse(&self, validity: &Validity, vertices: &[i32], target: Target) -> Coefficients {
         let mut centres = self.predict(vertices);
         for (index, (coefficient, &sample)) in centres.iter_mut().zip(target.centres).enumerate() {

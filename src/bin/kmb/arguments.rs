@@ -66,8 +66,18 @@ pub struct Build {
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// Largest error of any sample, in the raster's own units; 0 is lossless
-    #[arg(long, value_name = "E", value_parser = max_error, allow_hyphen_values = true)]
-    pub max_error: f64,
+    #[arg(
+        long,
+        value_name = "E",
+        value_parser = error_limit,
+        allow_hyphen_values = true,
+        required_unless_present = "rms",
+        conflicts_with = "rms"
+    )]
+    pub max_error: Option<f64>,
+    /// Instead, with --transform lifted: largest root mean square error, in the raster's own units
+    #[arg(long, value_name = "R", value_parser = error_limit, allow_hyphen_values = true)]
+    pub rms: Option<f64>,
     /// How samples become coefficients
     #[arg(long, value_enum, default_value = "interpolating")]
     pub transform: Transform,
@@ -86,7 +96,12 @@ pub struct Build {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Transform {
+    /// Point samples on every level, each within the maximum error
     Interpolating,
+    /// A wavelet on filtered levels: lossless, or with an RMS error
+    Lifted,
+    /// Filtered levels, each within the maximum error of the filtered data
+    TwoStage,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -170,7 +185,7 @@ pub struct Fly {
     pub budget_us: Option<u64>,
 }
 
-fn max_error(text: &str) -> Result<f64, String> {
+fn error_limit(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if number >= 0.0 && number.is_finite() {
         return Ok(number);

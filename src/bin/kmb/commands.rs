@@ -60,11 +60,16 @@ fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
 
 fn build(arguments: &arguments::Build) -> Result<Report> {
     let start = Instant::now();
-    // One variant each today: they are named so that scripts can say what they rely on.
-    let (arguments::Transform::Interpolating, arguments::Entropy::Gamma) =
-        (arguments.transform, arguments.entropy);
+    // One variant today: it is named so that scripts can say what they rely on.
+    let arguments::Entropy::Gamma = arguments.entropy;
     let options = BuildOptions {
-        max_error: arguments.max_error,
+        transform: match arguments.transform {
+            arguments::Transform::Interpolating => TransformKind::Interpolating,
+            arguments::Transform::Lifted => TransformKind::Lifted,
+            arguments::Transform::TwoStage => TransformKind::TwoStage,
+        },
+        max_error: arguments.max_error.unwrap_or(0.0),
+        rms_error: arguments.rms,
         cells_log2: arguments.cells as u32,
         threads: arguments.threads,
     };
