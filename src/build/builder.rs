@@ -1,23 +1,39 @@
 //! The builder: samples to blocks, level by level, each going on from what the decoder returns.
 
-use super::descent::{Descent, Input, disagreement};
+use super::coding::{Coding, check_model, list_heights};
+use super::descent::{Descent, Input};
 use super::levels::Levels;
 use super::plane::Plane;
+use super::rms::greatest_bound;
 use super::source::RasterSource;
-use super::summaries::summary_codes;
+use super::summaries::summarise;
 use super::workers::thread_count;
-use crate::codec::{BlockCodec, Refined, RootCodec, Units, block_length_unit};
+use crate::codec::{BlockCodec, Model, RootCodec, SymbolCoder, Units, block_length_unit};
+use crate::geo::RasterInfo;
 use crate::lattice::Lattice;
 use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, TransformKind, Writer};
-use crate::transform::Interpolating;
+use crate::transform::ListedHeights;
 use crate::{Error, Result};
 use std::path::Path;
 
 /// How to build.
 #[derive(Clone, Debug)]
 pub struct BuildOptions {
-    /// Largest |decoded - input| of any valid sample, in the raster's own units; 0 for lossless.
+    /// How samples become coefficients.
+    pub transform: TransformKind,
+    /// Largest |decoded - input| of any valid sample, in the raster's own units; 0 for lossless. Lifted
+    /// takes no other.
     pub max_error: f64,
+    /// Instead of `max_error`, which is 0 then: the largest root mean square of decoded - input. Lifted
+    /// alone takes it; the max error that comes with it is measured and stored.
+    pub rms_error: Option<f64>,
+    /// How coefficients become bytes.
+    pub entropy: EntropyKind,
+    /// Whether [`EntropyKind::Rans`] comes with the trained predictor, where the transform takes it:
+    /// interpolating does. Else centres are predicted by the transform's fixed rule.
+    pub adaptive: bool,
+    /// Weights and tables to use instead of trained ones, from data with as many levels.
+    pub tables: Option<Model>,
     /// log2 of the cells along a diamond's side: 4 to 7.
     pub cells_log2: u32,
     /// Worker threads; 0 for all that the machine has. The output does not depend on it.
@@ -27,7 +43,12 @@ pub struct BuildOptions {
 impl Default for BuildOptions {
     fn default() -> BuildOptions {
         BuildOptions {
+            transform: TransformKind::Interpolating,
             max_error: 0.0,
+            rms_error: None,
+            entropy: EntropyKind::Rans,
+            adaptive: true,
+            tables: None,
             cells_log2: 6,
             threads: 0,
         }
@@ -65,31 +86,56 @@ pub fn build(
 ) -> Result<BuildReport> {
     let info = source.info().clone();
     let lattice = Lattice::new(info.width, info.height, options.cells_log2)?;
-    if !(4..=7).contains(&options.cells_log2) {
-        let cells = lattice.cells();
-        return Err(Error::Argument(format!(
-            "cells must be 16, 32, 64 or 128, not {cells}"
-        )));
+    check(options)?;
+    if let Some(model) = &options.tables {
+        check_model(model, lattice.levels(), options.transform)?;
     }
     // First of all, so that an output that cannot be written is found before the input is read.
     let sink = Box::new(FileSink::create(output)?);
-    // Each sample is read once, coded once, and measured once for each level's error.
+    // Each sample is read once, filtered once if at all, coded once, and measured once for each level's error.
     let samples = u64::from(info.width) * u64::from(info.height);
-    let total = samples * (2 + u64::from(lattice.levels()));
+    let is_filtering = options.transform != TransformKind::Interpolating;
+    let total = samples * (2 + u64::from(is_filtering) + u64::from(lattice.levels()));
     let plane = Plane::read(source, |done| progress(done, total))?;
-    let unit = match options.max_error {
-        0.0 if !info.sample_type.is_integer() => Some(lossless_unit(&plane, &info)?),
-        _ => None,
+    let mut done = samples;
+    let mut step = |samples: u64| {
+        done += samples;
+        if progress(done.min(total), total) {
+            Ok(())
+        } else {
+            Err(Error::Cancelled)
+        }
     };
-    let units = Units::new(&info, plane.sample_range, options.max_error, unit)?;
+    let (mut units, is_exact) = choose_units(&plane, &info, options)?;
+    let threads = thread_count(options.threads);
+    let filter = options.transform.transform(lattice.cells(), 0, units.range);
+    let levels = Levels::new(&lattice, &plane, &units, &*filter, threads, &mut step)?;
+    if let Some(limit) = options.rms_error {
+        units.bound = bound_for_rms_error(limit, &levels, &units, threads, &mut step)?;
+    }
+    let coders = Coders::new(&levels, &units, options);
+    let coding = Coding {
+        levels: &levels,
+        roots: &coders.roots,
+        blocks: &coders.blocks,
+        threads,
+    };
+    let coded = match options.entropy {
+        EntropyKind::Gamma => coding.gamma(&mut step)?,
+        EntropyKind::Rans => {
+            let known = options.tables.as_ref();
+            coding.in_contexts(known, coders.adaptive, coders.listed.clone(), &mut step)?
+        }
+    };
+    let descent = &coded.descent;
     let header = Header {
         kind: Kind::Heights,
         domain: DomainKind::Planar,
-        transform: TransformKind::Interpolating,
-        entropy: EntropyKind::Gamma,
+        transform: options.transform,
+        entropy: options.entropy,
         cells_log2: options.cells_log2 as u8,
         levels: lattice.levels() as u8,
-        lossless: units.bound == 0 && (unit.is_some() || info.sample_type.is_integer()),
+        lossless: units.bound == 0 && is_exact,
         block_length_unit: block_length_unit(lattice.cells()),
         bound_units: units.bound as u32,
         unit_min: units.range[0],
@@ -106,47 +152,24 @@ pub fn build(
         block_count: lattice.diamond_count(),
         raster: info,
     };
-    let threads = thread_count(options.threads);
-    let mut done = samples;
-    let mut step = |samples: u64| {
-        done += samples;
-        if progress(done.min(total), total) {
-            Ok(())
-        } else {
-            Err(Error::Cancelled)
-        }
-    };
-    let transform =
-        Interpolating::new(lattice.cells(), units.quantiser());
-    let codec = BlockCodec::new(lattice.cells(), plane.void_samples > 0, Box::new(transform));
-    let levels = Levels::new(
-        &lattice,
-        &plane,
-        &units,
-        codec.transform(),
-        threads,
-        &mut step,
-    )?;
-    let root_codec = RootCodec::new(&lattice, units.bound, units.range);
-    let (mut descent, roots) = Descent::new(&levels, &root_codec, threads)?;
-    let mut writer = Writer::with_sink(output, sink, &header, &roots, &[])?;
-    for level in 0..lattice.levels() {
-        let code = |input: Input| code_block(&codec, input);
-        descent.code_level(level, code, |block, samples| {
-            writer.push(&block)?;
-            step(samples)
-        })?;
+    let tables = coded.model.as_ref().map_or_else(Vec::new, Model::to_bytes);
+    let mut writer = Writer::with_sink(output, sink, &header, &coded.roots, &tables)?;
+    for block in &coded.blocks {
+        writer.push(block)?;
     }
-    let codes = summary_codes(&levels, &descent, units.range, threads, &mut step)?;
+    let summaries = summarise(&levels, descent, units.range, threads, &mut step)?;
     let (max_error, rms_error) = measured_error(&plane, &units, &descent.heights);
-    let bytes = writer.finish(
-        &Header {
-            max_error,
-            rms_error,
-            ..header
-        },
-        &codes,
-    )?;
+    let [unit_min, unit_max] = summaries.range;
+    let header = Header {
+        unit_min,
+        unit_max,
+        max_error,
+        rms_error,
+        // Where only the RMS error was asked for, the max error is promised once it is known.
+        max_error_bound: options.rms_error.map_or(options.max_error, |_| max_error),
+        ..header
+    };
+    let bytes = writer.finish(&header, &summaries.codes)?;
     progress(total, total);
     Ok(BuildReport {
         samples,
@@ -157,8 +180,124 @@ pub fn build(
     })
 }
 
+/// Says which options cannot be met, whatever the raster.
+fn check(options: &BuildOptions) -> Result<()> {
+    let refuse = |message: String| Err(Error::Argument(message));
+    if !(4..=7).contains(&options.cells_log2) {
+        let cells = 1u64 << options.cells_log2.min(63);
+        return refuse(format!("cells must be 16, 32, 64 or 128, not {cells}"));
+    }
+    let is_lifted = options.transform == TransformKind::Lifted;
+    match options.rms_error {
+        Some(_) if !is_lifted => refuse("an RMS error needs the transform lifted".into()),
+        Some(_) if options.max_error != 0.0 => {
+            refuse("either a maximum error or an RMS error, not both".into())
+        }
+        None if is_lifted && options.max_error > 0.0 => refuse(format!(
+            "lifted keeps no maximum error of {}: give 0 for lossless, or an RMS error",
+            options.max_error
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Units for a raster, and whether every sample is a multiple of one.
+fn choose_units(plane: &Plane, info: &RasterInfo, options: &BuildOptions) -> Result<(Units, bool)> {
+    let is_integer = info.sample_type.is_integer();
+    if let Some(rms_error) = options.rms_error {
+        let units = Units::for_rms_error(info, plane.sample_range, rms_error)?;
+        return Ok((units, is_integer));
+    }
+    let unit = match options.max_error {
+        0.0 if !is_integer => Some(lossless_unit(plane, info)?),
+        _ => None,
+    };
+    let units = Units::new(info, plane.sample_range, options.max_error, unit)?;
+    Ok((units, is_integer || unit.is_some()))
+}
+
+/// What codes the root and the blocks.
+struct Coders<'a> {
+    roots: RootCodec<'a>,
+    blocks: BlockCodec,
+    adaptive: bool,
+    listed: Option<ListedHeights>,
+}
+
+impl<'a> Coders<'a> {
+    fn new(levels: &Levels<'a>, units: &Units, options: &BuildOptions) -> Coders<'a> {
+        let (lattice, has_voids) = (levels.lattice, levels.plane.void_samples > 0);
+        let kind = options.transform;
+        let transform = kind.transform(lattice.cells(), units.bound, units.range);
+        let roots = RootCodec::new(lattice, units.bound, transform.range());
+        let mut blocks = BlockCodec::new(lattice.cells(), has_voids, transform);
+        let adaptive = match &options.tables {
+            Some(model) => model.adaptive,
+            None => options.adaptive && kind == TransformKind::Interpolating,
+        };
+        let list = || list_heights(levels, units.range, units.bound);
+        let listed = adaptive.then(list).flatten();
+        if options.entropy == EntropyKind::Rans {
+            let quantiser = units.quantiser(listed.clone());
+            blocks =
+                blocks.with_symbols(SymbolCoder::new(lattice.cells(), quantiser, adaptive, true));
+        }
+        Coders {
+            roots,
+            blocks,
+            adaptive,
+            listed,
+        }
+    }
+}
+
+/// The largest bound of the lifted transform's quantiser whose RMS error is at most `limit`.
+fn bound_for_rms_error(
+    limit: f64,
+    levels: &Levels,
+    units: &Units,
+    threads: usize,
+    step: &mut dyn FnMut(u64) -> Result<()>,
+) -> Result<i32> {
+    let mut measure = |bound: i32| {
+        let units = Units {
+            bound,
+            ..units.clone()
+        };
+        let options = BuildOptions {
+            transform: TransformKind::Lifted,
+            entropy: EntropyKind::Gamma,
+            ..BuildOptions::default()
+        };
+        let coders = Coders::new(levels, &units, &options);
+        let (mut descent, _) = Descent::new(levels, &coders.roots, threads)?;
+        for level in 0..levels.lattice.levels() {
+            let preview = |input: Input| {
+                let (vertices, outline) = (input.vertices, input.outline);
+                let blocks = &coders.blocks;
+                Ok((
+                    (),
+                    blocks.preview(vertices, outline, input.target, input.voids),
+                ))
+            };
+            descent.code_level(level, preview, |(), _| step(0))?;
+        }
+        Ok(measured_error(levels.plane, &units, &descent.heights).1)
+    };
+    let extent = i64::from(units.range[1]) - i64::from(units.range[0]);
+    let found = greatest_bound(limit, units.scale, extent, &mut measure)?;
+    match found {
+        Some(bound) => Ok(bound),
+        None => Err(Error::Argument(format!(
+            "an RMS error of {limit} is too small for {} samples: give more than {:e}",
+            units.sample_type.name(),
+            measure(0)?
+        ))),
+    }
+}
+
 /// The unit of which all samples of a float raster are multiples.
-fn lossless_unit(plane: &Plane, info: &crate::geo::RasterInfo) -> Result<f64> {
+fn lossless_unit(plane: &Plane, info: &RasterInfo) -> Result<f64> {
     Units::common_unit(info.sample_type, &plane.samples).ok_or_else(|| {
         let magnitude = plane.sample_range[0].abs().max(plane.sample_range[1].abs());
         Error::Argument(format!(
@@ -168,16 +307,6 @@ fn lossless_unit(plane: &Plane, info: &crate::geo::RasterInfo) -> Result<f64> {
             magnitude * f64::from(f32::EPSILON),
         ))
     })
-}
-
-/// A diamond's block, and what it decodes to.
-fn code_block(codec: &BlockCodec, input: Input) -> Result<(Vec<u8>, Refined)> {
-    let (vertices, outline) = (input.vertices, input.outline);
-    let block = codec.encode(vertices, outline, input.target, input.voids);
-    let refined = codec
-        .decode(vertices, outline, &block)
-        .map_err(|error| disagreement("a block", error))?;
-    Ok((block, refined))
 }
 
 /// Largest and root mean square |decoded - input| over the valid samples.

@@ -74,18 +74,15 @@ impl<'a> Descent<'a> {
         let vertices = &self.vertices[first as usize..];
         let work = |index: usize| {
             let outline = Outline::of(levels.lattice, diamonds[index]);
-            let (centres, voids) = levels.next_centres(diamonds[index], &outline);
-            let next = levels.next_vertices(first + index as u64);
-            let target = Target {
-                vertices: next.unwrap_or(&vertices[index].values),
-                centres: &centres,
-            };
-            let coded = code(Input {
-                vertices: &vertices[index],
-                outline: &outline,
-                target,
-                voids: voids.as_deref(),
-            });
+            let rank = first + index as u64;
+            let coded = with_input(
+                levels,
+                diamonds[index],
+                rank,
+                &vertices[index],
+                &outline,
+                &code,
+            );
             (coded, outline)
         };
         let heights = &mut self.heights;
@@ -101,6 +98,29 @@ impl<'a> Descent<'a> {
             self.gather_level(level + 1)?;
         }
         Ok(())
+    }
+
+    /// Shows the diamonds of a level that has been reached to `look`, one in `every`, and what it makes
+    /// of them, in the order of ranks, to `consume`.
+    pub(super) fn observe<T: Send>(
+        &self,
+        level: u32,
+        every: usize,
+        look: impl Fn(Input) -> T + Sync,
+        mut consume: impl FnMut(T) -> Result<()>,
+    ) -> Result<()> {
+        let levels = self.levels;
+        let first = levels.lattice.level_ranks(level).start;
+        let diamonds = levels.lattice.diamonds(level);
+        let work = |index: usize| {
+            let (index, diamond) = (index * every, diamonds[index * every]);
+            let outline = Outline::of(levels.lattice, diamond);
+            let rank = first + index as u64;
+            let vertices = &self.vertices[rank as usize];
+            with_input(levels, diamond, rank, vertices, &outline, &look)
+        };
+        let count = diamonds.len().div_ceil(every);
+        map_in_order(self.threads, count, work, |_, made| consume(made))
     }
 
     fn gather_level(&mut self, level: u32) -> Result<()> {
@@ -124,6 +144,28 @@ impl<'a> Descent<'a> {
         self.vertices.append(&mut gathered);
         Ok(())
     }
+}
+
+/// Gives `code` what a diamond is coded from.
+fn with_input<T>(
+    levels: &Levels,
+    diamond: Diamond,
+    rank: u64,
+    vertices: &Matrix,
+    outline: &Outline,
+    code: impl Fn(Input) -> T,
+) -> T {
+    let (centres, voids) = levels.next_centres(diamond, outline);
+    let target = Target {
+        vertices: levels.next_vertices(rank).unwrap_or(&vertices.values),
+        centres: &centres,
+    };
+    code(Input {
+        vertices,
+        outline,
+        target,
+        voids: voids.as_deref(),
+    })
 }
 
 /// Puts a diamond's heights on the next level at their places among all samples; returns how many samples

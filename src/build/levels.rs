@@ -147,6 +147,13 @@ impl<'a> Levels<'a> {
         (heights, valid)
     }
 
+    /// Visits the heights of all samples that are not void, as they are now.
+    pub(super) fn for_each_height(&self, visit: impl FnMut(i32)) {
+        let heights = self.units.iter().zip(&self.plane.samples);
+        let valid = heights.filter(|(_, sample)| !sample.is_nan());
+        valid.map(|(&height, _)| height).for_each(visit);
+    }
+
     /// The height of a root vertex at a position in the raster; `None` for a void.
     pub(super) fn root_vertex(&self, at: [i64; 2]) -> Option<i32> {
         (!self.plane.is_void(at)).then(|| self.units[self.plane.index(at)])

@@ -1,9 +1,11 @@
 //! Floor 3: from a raster to a repository. Knows neither views nor the C boundary.
 
 mod builder;
+mod coding;
 mod descent;
 mod levels;
 mod plane;
+mod rms;
 pub mod source;
 mod summaries;
 mod surface;

@@ -7,15 +7,23 @@ use super::workers::map_in_order;
 use crate::Result;
 use crate::codec::{ErrorCode, Matrix, RangeCode};
 
-/// Error, low and high code of every diamond by rank (`codec::bounds`), after a whole descent. `range`
-/// contains every decoded height. `step` is told of samples measured.
-pub(super) fn summary_codes(
+/// What is stored of all diamonds beside their blocks.
+pub(super) struct Summaries {
+    /// Error, low and high code of every diamond by rank (`codec::bounds`).
+    pub(super) codes: Vec<[u8; 3]>,
+    /// What the codes of level 0 refer to.
+    pub(super) range: [i32; 2],
+}
+
+/// The summaries after a whole descent. `range` is that of the input, widened here to contain every
+/// decoded height. `step` is told of samples measured.
+pub(super) fn summarise(
     levels: &Levels,
     descent: &Descent,
     range: [i32; 2],
     threads: usize,
     step: &mut dyn FnMut(u64) -> Result<()>,
-) -> Result<Vec<[u8; 3]>> {
+) -> Result<Summaries> {
     let lattice = levels.lattice;
     let count = lattice.diamond_count() as usize;
     let surface = LeafSurface {
@@ -33,7 +41,11 @@ pub(super) fn summary_codes(
         step(per_level / (ranks.end - ranks.start))
     })?;
     let ranges = nest(levels, descent, &mut errors);
-    Ok(encode(levels, &errors, &ranges, range))
+    // The root contains all, but a root alone has no summary.
+    let widest = ranges.first().copied();
+    let range = union(range, widest.unwrap_or(extremes(&descent.vertices[0])));
+    let codes = encode(levels, &errors, &ranges, range);
+    Ok(Summaries { codes, range })
 }
 
 /// Makes every diamond's error and range contain those of its children; returns the ranges.
@@ -78,13 +90,13 @@ fn encode(levels: &Levels, errors: &[f64], ranges: &[[i32; 2]], whole: [i32; 2])
 }
 
 /// Least and greatest height of a matrix.
-pub(super) fn extremes(matrix: &Matrix) -> [i32; 2] {
+fn extremes(matrix: &Matrix) -> [i32; 2] {
     let least = matrix.values.iter().copied().min().unwrap_or_default();
     let greatest = matrix.values.iter().copied().max().unwrap_or_default();
     [least, greatest]
 }
 
 /// The least range that contains both.
-pub(super) fn union(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
+fn union(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }

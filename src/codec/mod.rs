@@ -4,22 +4,24 @@
 mod block;
 mod bounds;
 mod mask;
-mod model;
 mod matrix;
+mod model;
 mod outline;
 mod refined;
 mod roots;
 mod symbols;
+mod tables;
 mod training;
 mod units;
 
-pub use block::{BlockCodec, BlockError, block_length_unit};
+pub use block::{BlockCodec, BlockError, Draft, block_length_unit};
 pub use bounds::{ErrorCode, RangeCode};
-pub use model::{LevelModel, MatrixModel, Model};
 pub use matrix::{Matrix, child_vertices};
+pub use model::{LevelModel, MatrixModel, Model};
 pub use outline::Outline;
 pub use refined::Refined;
 pub use roots::RootCodec;
 pub use symbols::{SymbolCoder, Trace};
+pub use tables::Census;
 pub use training::{Fit, ROUNDS, Trainer};
 pub use units::Units;

@@ -8,7 +8,7 @@ use crate::transform::{LONGEST_LIST, ListedHeights};
 use std::sync::OnceLock;
 
 /// Trained weights and tables, level by level.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Model {
     /// Whether centres are predicted by the trained weights, not by the transform's fixed rule.
     pub adaptive: bool,
@@ -21,7 +21,7 @@ pub struct Model {
 }
 
 /// What the diamonds of some levels are coded by.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct LevelModel {
     matrices: Vec<MatrixModel>,
     /// Made when first asked for, since most of a file's levels may never be.
@@ -29,7 +29,7 @@ pub struct LevelModel {
 }
 
 /// What one of the matrices of a diamond is coded by.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct MatrixModel {
     /// Weights of prediction and activity.
     pub weights: Weights,
@@ -79,6 +79,16 @@ impl Model {
         model
     }
 
+    /// Refinable levels.
+    pub fn levels(&self) -> u32 {
+        self.group_of.len() as u32
+    }
+
+    /// Matrices of a diamond.
+    pub fn matrices(&self) -> usize {
+        self.groups.first().map_or(0, |group| group.matrices.len())
+    }
+
     /// What the diamonds of a level are coded by.
     pub fn level(&self, level: u32) -> &LevelModel {
         &self.groups[self.group_of[level as usize]]
@@ -105,7 +115,11 @@ impl Model {
                     numbers.pass_weights(&mut encoder, self.adaptive, &matrix.weights, &known);
                     numbers.encode_tables(&mut encoder, &matrix.frequencies);
                 }
-                last = self.groups[group].matrices.iter().map(|matrix| matrix.weights.clone()).collect();
+                last = self.groups[group]
+                    .matrices
+                    .iter()
+                    .map(|matrix| matrix.weights.clone())
+                    .collect();
             }
         }
         encoder.finish()
@@ -133,7 +147,10 @@ impl Model {
                     let known = known.unwrap_or_else(Weights::fixed);
                     let weights = numbers.pass_weights(&mut decoder, adaptive, &known, &known);
                     let frequencies = numbers.decode_tables(&mut decoder)?;
-                    all.push(MatrixModel { weights, frequencies });
+                    all.push(MatrixModel {
+                        weights,
+                        frequencies,
+                    });
                 }
                 groups.push((LevelModel::new(all), level + 1));
             } else if let Some((_, end)) = groups.last_mut() {
@@ -179,8 +196,7 @@ impl Number {
         let told = u64::from(((told << 1) ^ (told >> 31)) as u32) + 1;
         let told_length = told.ilog2() as usize;
         let mut length = 0;
-        while length < 32
-            && coder.decide(length < told_length, &mut self.length[self.last][length])
+        while length < 32 && coder.decide(length < told_length, &mut self.length[self.last][length])
         {
             length += 1;
         }
@@ -214,7 +230,11 @@ impl Numbers {
         known: &Weights,
     ) -> Weights {
         let mut weights = known.clone();
-        for feature in 0..if adaptive { weights.prediction.len() } else { 0 } {
+        for feature in 0..if adaptive {
+            weights.prediction.len()
+        } else {
+            0
+        } {
             for class in 0..CLASSES {
                 let near = match class {
                     0 => known.prediction[feature][0],
@@ -226,7 +246,8 @@ impl Numbers {
             }
         }
         for (own, told) in weights.activity.iter_mut().zip(told.activity) {
-            *own = own.wrapping_add(self.weight.pass(coder, i32::from(told.wrapping_sub(*own))) as i16);
+            *own = own
+                .wrapping_add(self.weight.pass(coder, i32::from(told.wrapping_sub(*own))) as i16);
         }
         let difference = told.first_context.wrapping_sub(known.first_context);
         let passed = self.bits.pass(coder, difference);
@@ -267,9 +288,13 @@ impl Numbers {
         least: i32,
         told: &[bool],
     ) -> (i32, Vec<bool>) {
-        self.listed.resize(1 << LIST_CONTEXT_BITS, Probability::default());
+        self.listed
+            .resize(1 << LIST_CONTEXT_BITS, Probability::default());
         let least = self.bits.pass(coder, least);
-        let length = self.bits.pass(coder, told.len() as i32).clamp(0, LONGEST_LIST as i32);
+        let length = self
+            .bits
+            .pass(coder, told.len() as i32)
+            .clamp(0, LONGEST_LIST as i32);
         let mut context = 0;
         let present = (0..length as usize).map(|index| {
             let told = told.get(index).copied().unwrap_or(false);

@@ -5,6 +5,8 @@ use crate::lattice::{Apex, Diamond, Lattice};
 /// Where a refinable diamond may hold samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
+    /// The diamond's level.
+    pub level: u32,
     /// N^2: 1 for each centre that lies in the raster and in a present half; `None` when all do. Only
     /// these have coefficients and a place in the void mask.
     pub codable: Option<Box<[u8]>>,
@@ -18,6 +20,7 @@ impl Outline {
         let (halves, apexes) = (lattice.halves(diamond), lattice.apexes(diamond));
         let absent = (0..2).find(|&half| !halves[half]);
         let outline = |codable| Outline {
+            level: diamond.level(),
             codable,
             absent: absent.map(|half| apexes[half]),
         };

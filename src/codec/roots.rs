@@ -14,7 +14,8 @@ pub struct RootCodec<'a> {
 }
 
 impl<'a> RootCodec<'a> {
-    /// A codec for the root of `lattice`, with the quantiser's bound e and the range of units.
+    /// A codec for the root of `lattice`, with the quantiser's bound e and the range of
+    /// heights that the repository's transform can make.
     pub fn new(lattice: &'a Lattice, bound: i32, range: [i32; 2]) -> RootCodec<'a> {
         let quantiser = Quantiser::new(bound, range[0], range[1]);
         RootCodec {

@@ -23,7 +23,9 @@ pub struct Trace {
 impl Trace {
     /// Whether all coefficients are 0.
     pub fn is_zero(&self) -> bool {
-        self.coefficients.iter().all(|&coefficient| coefficient == 0)
+        self.coefficients
+            .iter()
+            .all(|&coefficient| coefficient == 0)
     }
 
     /// Coefficients with their contexts; those without any are passed over.
@@ -33,11 +35,21 @@ impl Trace {
         coded.map(|(&context, &coefficient)| (usize::from(context), coefficient))
     }
 
-    /// The trace as bytes, a multiple of `multiple` of them.
-    pub fn to_bytes(&self, model: &LevelModel, multiple: usize) -> Vec<u8> {
+    /// The trace as bytes; with `before` bytes before them they are a multiple of `multiple`.
+    pub(super) fn to_bytes(&self, model: &LevelModel, multiple: usize, before: usize) -> Vec<u8> {
         let tables = model.tables();
-        let contexts: Vec<u8> = self.contexts.iter().map(|&context| context.min(tables.sure_context())).collect();
-        rans::encode(tables, &contexts, &self.coefficients, multiple)
+        let sure = tables.sure_context();
+        let contexts: Vec<u8> = self
+            .contexts
+            .iter()
+            .map(|&context| context.min(sure))
+            .collect();
+        let mut bytes = rans::encode(tables, &contexts, &self.coefficients, 0);
+        let short = (before + bytes.len()).next_multiple_of(multiple) - before - bytes.len();
+        if short > 0 {
+            bytes = rans::encode(tables, &contexts, &self.coefficients, bytes.len() + short);
+        }
+        bytes
     }
 }
 
@@ -112,7 +124,10 @@ impl SymbolCoder {
                 let is_coded = validity.centres.is_none_or(|coded| coded[start + i] != 0);
                 let (context, coefficient) = if is_coded {
                     let sample = target[start + i];
-                    (outlook.contexts[i], self.quantiser.quantise(sample, prediction))
+                    (
+                        outlook.contexts[i],
+                        self.quantiser.quantise(sample, prediction),
+                    )
                 } else {
                     (UNCODED, 0)
                 };
@@ -145,7 +160,10 @@ impl SymbolCoder {
             for (i, centre) in row.iter_mut().enumerate() {
                 let prediction = outlook.predictions[i].clamp(low, high);
                 *centre = prediction;
-                if validity.centres.is_none_or(|coded| coded[j * cells + i] != 0) {
+                if validity
+                    .centres
+                    .is_none_or(|coded| coded[j * cells + i] != 0)
+                {
                     let coefficient = self.quantiser.quantise(target[i], prediction);
                     *centre = self.quantiser.reconstruct(coefficient, prediction);
                     let (sight, activity) = surroundings.sight(i, trainer.weights());
@@ -173,16 +191,23 @@ impl SymbolCoder {
         if let Some(bytes) = bytes {
             let mut scratch = Vec::new();
             let mut decoder = self.decoder(model, bytes, &mut scratch);
-            let mut decode = |matrix: usize, coded: Option<&[u8]>, companion, entries: &mut [i32]| {
-                let weights = model.weights(matrix);
-                self.walk_coefficients(vertices, weights, companion, entries, |row, contexts, entries| {
-                    for context in contexts.iter_mut() {
-                        *context += (matrix * CONTEXTS) as u8;
-                    }
-                    hide(contexts, coded, row, model);
-                    decoder.decode(contexts, entries);
-                });
-            };
+            let mut decode =
+                |matrix: usize, coded: Option<&[u8]>, companion, entries: &mut [i32]| {
+                    let weights = model.weights(matrix);
+                    self.walk_coefficients(
+                        vertices,
+                        weights,
+                        companion,
+                        entries,
+                        |row, contexts, entries| {
+                            for context in contexts.iter_mut() {
+                                *context += (matrix * CONTEXTS) as u8;
+                            }
+                            hide(contexts, coded, row, model);
+                            decoder.decode(contexts, entries);
+                        },
+                    );
+                };
             decode(0, validity.centres, None, &mut centres);
             if let Some(inner) = &mut inner {
                 decode(1, coded_vertices, Some(&centres[..]), inner);
@@ -205,7 +230,8 @@ impl SymbolCoder {
         coefficients: &Coefficients,
     ) -> Trace {
         let mut trace = Trace::default();
-        for (matrix, coded, companion, entries) in matrices(coefficients, validity, coded_vertices) {
+        for (matrix, coded, companion, entries) in matrices(coefficients, validity, coded_vertices)
+        {
             let mut own = entries.to_vec();
             let visit = |row: usize, contexts: &mut [u8], _: &mut [i32]| {
                 for (i, context) in contexts.iter_mut().enumerate() {
@@ -233,7 +259,8 @@ impl SymbolCoder {
         coefficients: &Coefficients,
     ) {
         let cells = self.cells;
-        for (matrix, coded, companion, entries) in matrices(coefficients, validity, coded_vertices) {
+        for (matrix, coded, companion, entries) in matrices(coefficients, validity, coded_vertices)
+        {
             let (trainer, fit) = (&trainers[matrix], &mut fits[matrix]);
             let mut surroundings = surroundings(cells, vertices, self.vectors);
             let step = surroundings.quarters(self.quantiser.step()) - surroundings.quarters(0);

@@ -2,7 +2,9 @@
 //!
 //! Sums are taken in a fixed order and nothing is fused, so that every machine finds the same weights.
 
-use crate::transform::adaptive::{ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights};
+use crate::transform::adaptive::{
+    ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights,
+};
 
 /// Rounds of fitting: two for the activity, one to see where it lies, one for each class.
 pub const ROUNDS: usize = 4;
@@ -180,8 +182,8 @@ impl Trainer {
         }
         if self.round + 2 < ROUNDS {
             let activity = fit.activity.solve(&[0.0; ACTIVITIES], 1e-5);
-            self.weights.activity =
-                activity.map(|part| (part * ACTIVITY_UNIT).round().clamp(-GREATEST, GREATEST) as i16);
+            self.weights.activity = activity
+                .map(|part| (part * ACTIVITY_UNIT).round().clamp(-GREATEST, GREATEST) as i16);
         } else if self.round + 2 == ROUNDS {
             self.weights.first_context = first_context(&fit.quarters);
         }
@@ -192,6 +194,8 @@ impl Trainer {
 /// The first of the consecutive quarter octaves, as many as there are contexts, that hold the most samples.
 fn first_context(quarters: &[u64; QUARTERS]) -> i32 {
     let held = |first: usize| quarters[first..first + CONTEXTS].iter().sum::<u64>();
-    let best = (0..QUARTERS - CONTEXTS).rev().max_by_key(|&first| held(first));
+    let best = (0..QUARTERS - CONTEXTS)
+        .rev()
+        .max_by_key(|&first| held(first));
     best.unwrap_or(0) as i32
 }

@@ -1,7 +1,7 @@
 //! Integer units of a raster's samples, and the quantiser's bound in them.
 
 use crate::geo::{RasterInfo, SampleType};
-use crate::transform::Quantiser;
+use crate::transform::{ListedHeights, Quantiser};
 use crate::{Error, Result};
 
 /// `sample = unit * scale + offset`, clamped to the samples' own range.
@@ -11,7 +11,8 @@ pub struct Units {
     pub scale: f64,
     /// Sample value of unit 0.
     pub offset: f64,
-    /// Least and greatest unit of any valid sample.
+    /// Least and greatest unit of any valid sample, or of any height of any level where those may be
+    /// beyond.
     pub range: [i32; 2],
     /// Least and greatest valid sample.
     pub sample_range: [f64; 2],
@@ -30,6 +31,8 @@ const GREATEST_FLOAT_UNIT: f64 = (1 << 29) as f64;
 /// Units per quantiser step of float rasters: 2m + 1, fine enough that rounding a prediction to units
 /// costs nothing measurable.
 const FLOAT_BOUND: f64 = 7.0;
+/// Units of float rasters in an RMS error, for the same reason.
+const RMS_UNITS: f64 = 16.0;
 
 impl Units {
     /// Units for a raster whose valid samples span `sample_range`, so that |decoded - sample| is at most
@@ -52,22 +55,8 @@ impl Units {
                 "the maximum error must be a number from 0 up, not {max_error}"
             )));
         }
-        let mut units = Units {
-            scale: 1.0,
-            offset: 0.0,
-            range: [0, 0],
-            sample_range,
-            bound: 0,
-            sample_type: info.sample_type,
-            nodata: info.nodata,
-        };
+        let mut units = Units::ones(info, sample_range);
         if info.sample_type.is_integer() {
-            // Only u32 goes beyond i32; it is moved down to it.
-            units.offset = if sample_range[1] > f64::from(i32::MAX) {
-                2_147_483_648.0
-            } else {
-                0.0
-            };
             let bound = max_error.floor().min(GREATEST_BOUND) as i32;
             units.bound = bound - i32::from(bound > 0 && units.nodata_is_in_range());
         } else if max_error == 0.0 {
@@ -84,11 +73,64 @@ impl Units {
         Ok(units)
     }
 
+    /// Units fine enough for a root mean square error of `rms_error` (in sample units), with the bound 0.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for an `rms_error` that is negative, not a number, or 0 with floats; for floats
+    /// of an infinite extent.
+    pub fn for_rms_error(
+        info: &RasterInfo,
+        sample_range: [f64; 2],
+        rms_error: f64,
+    ) -> Result<Units> {
+        let is_integer = info.sample_type.is_integer();
+        if !(rms_error > 0.0 || rms_error == 0.0 && is_integer) {
+            return Err(Error::Argument(format!(
+                "the RMS error must be a number above 0, not {rms_error}"
+            )));
+        }
+        let mut units = Units::ones(info, sample_range);
+        if !is_integer {
+            let half_extent = units.centre();
+            if !half_extent.is_finite() {
+                return Err(Error::Argument(format!(
+                    "samples from {} to {} are too far apart for 32-bit units",
+                    sample_range[0], sample_range[1]
+                )));
+            }
+            units.scale = (rms_error / RMS_UNITS).max(half_extent / (GREATEST_FLOAT_UNIT - 1.0));
+        }
+        units.range = sample_range.map(|sample| units.to_unit(sample));
+        Ok(units)
+    }
+
+    /// Units of one sample unit, without any bound, their range not yet known.
+    fn ones(info: &RasterInfo, sample_range: [f64; 2]) -> Units {
+        // Only u32 goes beyond i32; it is moved down to it.
+        let is_beyond = info.sample_type.is_integer() && sample_range[1] > f64::from(i32::MAX);
+        Units {
+            scale: 1.0,
+            offset: if is_beyond { 2_147_483_648.0 } else { 0.0 },
+            range: [0, 0],
+            sample_range,
+            bound: 0,
+            sample_type: info.sample_type,
+            nodata: info.nodata,
+        }
+    }
+
+    /// Puts unit 0 in the middle of the samples; returns the distance to the farthest.
+    fn centre(&mut self) -> f64 {
+        let [low, high] = self.sample_range;
+        self.offset = ((low + high) / 2.0).round();
+        (high - self.offset).max(self.offset - low)
+    }
+
     fn choose_float_scale(&mut self, max_error: f64) -> Result<()> {
         let [low, high] = self.sample_range;
         let rounding = self.output_rounding();
-        self.offset = ((low + high) / 2.0).round();
-        let half_extent = (high - self.offset).max(self.offset - low);
+        let half_extent = self.centre();
         let least = rounding + half_extent / GREATEST_FLOAT_UNIT;
         if max_error <= least || !half_extent.is_finite() {
             return Err(Error::Argument(format!(
@@ -126,9 +168,13 @@ impl Units {
             .is_some_and(|nodata| self.sample_range[0] <= nodata && nodata <= self.sample_range[1])
     }
 
-    /// The quantiser of the bound, for units of the range.
-    pub fn quantiser(&self) -> Quantiser {
-        Quantiser::new(self.bound, self.range[0], self.range[1])
+    /// The quantiser of the bound, for units of the range; or, where it is lossless, one that counts in
+    /// listed heights.
+    pub fn quantiser(&self, listed: Option<ListedHeights>) -> Quantiser {
+        match listed {
+            Some(listed) => Quantiser::of_listed(listed),
+            None => Quantiser::new(self.bound, self.range[0], self.range[1]),
+        }
     }
 
     /// The unit nearest to a valid sample.

@@ -1,11 +1,13 @@
 //! An opened repository of heights: the file, its lattice and its codec in one.
 
 use super::source::{DiamondSource, Summary};
-use crate::codec::{BlockCodec, ErrorCode, Matrix, Outline, RangeCode, Refined, RootCodec, Units};
+use crate::codec::{
+    BlockCodec, ErrorCode, Matrix, Model, Outline, RangeCode, Refined, RootCodec, SymbolCoder,
+    Units,
+};
 use crate::geo::{Frame, RasterInfo};
 use crate::lattice::{Diamond, Lattice};
-use crate::store::{Access, DomainKind, EntropyKind, Header, Kind, Store, TransformKind};
-use crate::transform::Interpolating;
+use crate::store::{Access, DomainKind, EntropyKind, Header, Kind, Store};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -42,13 +44,19 @@ impl Terrain {
             return Err(damaged("header: its numbers contradict each other".into()));
         }
         let units = units_of(header);
-        let root = RootCodec::new(&lattice, units.bound, units.range)
+        let (kind, cells) = (header.transform, lattice.cells());
+        let transform = kind.transform(cells, units.bound, units.range);
+        let root = RootCodec::new(&lattice, units.bound, transform.range())
             .decode(store.roots())
             .map_err(|error| damaged(format!("roots: {error}")))?;
-        let transform =
-            Interpolating::new(lattice.cells(), units.quantiser());
-        let has_voids = header.void_samples > 0;
-        let codec = BlockCodec::new(lattice.cells(), has_voids, Box::new(transform));
+        let mut codec = BlockCodec::new(cells, header.void_samples > 0, transform);
+        if header.entropy == EntropyKind::Rans {
+            let model = Model::from_bytes(store.tables(), lattice.levels(), codec.matrices())
+                .ok_or_else(|| damaged("tables: they are not what a builder writes".into()))?;
+            let quantiser = units.quantiser(model.listed.clone());
+            let symbols = SymbolCoder::new(cells, quantiser, model.adaptive, true);
+            codec = codec.with_symbols(symbols).with_model(model);
+        }
         let frame = Frame::of(info);
         Ok(Terrain {
             lattice,
@@ -68,6 +76,11 @@ impl Terrain {
     /// The file.
     pub fn store(&self) -> &Store {
         &self.store
+    }
+
+    /// The trained weights and tables, if it has any.
+    pub fn model(&self) -> Option<&Model> {
+        self.codec.model()
     }
 
     /// From integer units to the raster's samples.
@@ -133,18 +146,15 @@ impl DiamondSource for Terrain {
 }
 
 fn require_known(path: &Path, header: &Header) -> Result<()> {
-    let known = header.kind == Kind::Heights
-        && header.domain == DomainKind::Planar
-        && header.transform == TransformKind::Interpolating
-        && header.entropy == EntropyKind::Gamma;
+    let known = header.kind == Kind::Heights && header.domain == DomainKind::Planar;
     if known {
         return Ok(());
     }
     Err(Error::Version {
         path: path.to_path_buf(),
         message: format!(
-            "this version reads planar heights by interpolating and gamma, not {:?} {:?} by {:?} and {:?}",
-            header.domain, header.kind, header.transform, header.entropy
+            "this version reads planar heights, not {:?} {:?}",
+            header.domain, header.kind
         ),
     })
 }

@@ -44,8 +44,14 @@ impl Frequencies {
         }
         // Roundings may leave the most frequent symbol less than a fair share: the others pay for it.
         while others >= SLOTS {
-            let largest = (0..SYMBOLS).max_by_key(|&symbol| (all[symbol], symbol)).unwrap_or(0);
-            let less = if coarse { round_down(all[largest] - 1) } else { all[largest] - 1 };
+            let largest = (0..SYMBOLS)
+                .max_by_key(|&symbol| (all[symbol], symbol))
+                .unwrap_or(0);
+            let less = if coarse {
+                round_down(all[largest] - 1)
+            } else {
+                all[largest] - 1
+            };
             others -= usize::from(all[largest] - less);
             all[largest] = less;
         }
@@ -214,7 +220,11 @@ impl TableModel {
             return length as u16;
         }
         let below = length as u32 - 1;
-        let kept = if coarse { below.min(COARSE_BITS) } else { below };
+        let kept = if coarse {
+            below.min(COARSE_BITS)
+        } else {
+            below
+        };
         let told_bits = u32::from(told) >> (below - kept);
         let first = coder.decide(told_bits >> (kept - 1) & 1 != 0, &mut self.leading[length]);
         let rest = coder.bits(told_bits & ((1 << (kept - 1)) - 1), kept - 1);

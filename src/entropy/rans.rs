@@ -24,7 +24,7 @@ const LENGTH_BITS: u32 = 4;
 
 /// The tables of some contexts, made for decoding and encoding. One more context than was given is
 /// there: the last one, in which every symbol is 0 and costs nothing.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Tables {
     /// For each context its 2048 slots: symbol, frequency less one << 8, slot less first slot << 19.
     pub(super) slots: Vec<u32>,
@@ -60,12 +60,11 @@ impl Tables {
     }
 }
 
-/// Bytes of coefficients, each with the context that it is coded in: a whole number of times
-/// `multiple` of them.
+/// Bytes of coefficients, each with the context that it is coded in; at least `least` of them.
 ///
 /// # Panics
 /// If a context has no table.
-pub fn encode(tables: &Tables, contexts: &[u8], coefficients: &[i32], multiple: usize) -> Vec<u8> {
+pub fn encode(tables: &Tables, contexts: &[u8], coefficients: &[i32], least: usize) -> Vec<u8> {
     let (mut symbols, mut raw) = (Vec::with_capacity(contexts.len()), BitWriter::new());
     for (&context, &coefficient) in contexts.iter().zip(coefficients) {
         let range = &tables.ranges[usize::from(context)];
@@ -79,14 +78,16 @@ pub fn encode(tables: &Tables, contexts: &[u8], coefficients: &[i32], multiple: 
     let mut raw = raw.into_bytes();
     raw.reverse();
     let mut bytes = interleave::<LANES>(&symbols);
-    let mut least = LONG_BLOCK;
-    if bytes.len() + raw.len() < LONG_BLOCK {
+    let mut length = least.max(bytes.len() + raw.len());
+    if length < LONG_BLOCK {
         let short = interleave::<FEW_LANES>(&symbols);
-        if short.len() + raw.len() + multiple <= LONG_BLOCK {
-            (bytes, least) = (short, 0);
+        if short.len() + raw.len() < LONG_BLOCK {
+            length = least.max(short.len() + raw.len());
+            bytes = short;
+        } else {
+            length = LONG_BLOCK;
         }
     }
-    let length = (bytes.len() + raw.len()).next_multiple_of(multiple).max(least);
     bytes.resize(length - raw.len(), 0);
     bytes.extend(raw);
     bytes
@@ -155,7 +156,11 @@ impl<'a> Decoder<'a> {
         scratch.clear();
         scratch.extend_from_slice(block);
         scratch.resize(block.len() + PADDING, 0);
-        let lanes = if block.len() >= LONG_BLOCK { LANES } else { FEW_LANES };
+        let lanes = if block.len() >= LONG_BLOCK {
+            LANES
+        } else {
+            FEW_LANES
+        };
         let mut states = [LEAST; LANES];
         let mut head = BitReader::new(block);
         for state in &mut states[..lanes] {
@@ -191,7 +196,9 @@ impl<'a> Decoder<'a> {
         self.decoded += contexts.len();
         if greatest >= i32::from(token::FIRST_RAW) {
             for coefficient in &mut coefficients[..contexts.len()] {
-                *coefficient = self.raw.join(*coefficient as u8, &self.bytes[..self.length]);
+                *coefficient = self
+                    .raw
+                    .join(*coefficient as u8, &self.bytes[..self.length]);
             }
         } else {
             for coefficient in &mut coefficients[..contexts.len()] {
@@ -210,7 +217,10 @@ impl<'a> Decoder<'a> {
             let frequency = (entry >> 8 & (SLOTS as u32 - 1)) + 1;
             *state = frequency * (*state >> PRECISION) + (entry >> 19);
             if *state < LEAST {
-                let word = self.bytes.get(self.position..).and_then(|rest| rest.first_chunk());
+                let word = self
+                    .bytes
+                    .get(self.position..)
+                    .and_then(|rest| rest.first_chunk());
                 *state = *state << 16 | u32::from(word.map_or(0, |word| u16::from_le_bytes(*word)));
                 self.position += 2;
             }
@@ -227,11 +237,17 @@ impl<'a> Decoder<'a> {
     /// them; [`Error::Disagreement`] where a state does not end as it must.
     pub fn finish(self) -> Result<(), Error> {
         let raw = self.raw.position.div_ceil(8);
-        let Some(gap) = self.length.checked_sub(raw).filter(|&end| self.position <= end) else {
+        let Some(gap) = self
+            .length
+            .checked_sub(raw)
+            .filter(|&end| self.position <= end)
+        else {
             return Err(Error::Truncated);
         };
         if self.bytes[self.position..gap].iter().any(|&byte| byte != 0) {
-            return Err(Error::Surplus { position: 8 * self.position });
+            return Err(Error::Surplus {
+                position: 8 * self.position,
+            });
         }
         if self.states.iter().any(|&state| state != LEAST) {
             return Err(Error::Disagreement);
@@ -246,7 +262,9 @@ impl RawBits {
         if count == 0 {
             return token::small(symbol);
         }
-        let bytes = self.reversed.get_or_insert_with(|| block.iter().rev().copied().collect());
+        let bytes = self
+            .reversed
+            .get_or_insert_with(|| block.iter().rev().copied().collect());
         let mut reader = BitReader::at(bytes, self.position);
         let raw = reader.get(count) as u32;
         self.position = reader.position();
@@ -278,7 +296,13 @@ mod simd {
         // SAFETY: `available` was asked when the decoder was made; the caller has checked that contexts
         // have tables and that symbols are as many, a multiple of eight.
         let greatest = unsafe {
-            decode(&mut lanes, &decoder.tables.slots, decoder.bytes, contexts, symbols)
+            decode(
+                &mut lanes,
+                &decoder.tables.slots,
+                decoder.bytes,
+                contexts,
+                symbols,
+            )
         };
         decoder.states = lanes.states;
         decoder.position = lanes.position;

@@ -81,6 +81,9 @@ pub(super) unsafe fn decode(
             _mm256_extracti128_si256::<1>(greatest),
         );
         let pair = _mm_max_epi32(half, _mm_shuffle_epi32::<0b01_00_11_10>(half));
-        _mm_cvtsi128_si32(_mm_max_epi32(pair, _mm_shuffle_epi32::<0b10_11_00_01>(pair)))
+        _mm_cvtsi128_si32(_mm_max_epi32(
+            pair,
+            _mm_shuffle_epi32::<0b10_11_00_01>(pair),
+        ))
     }
 }

@@ -127,6 +127,7 @@ pub unsafe extern "C" fn kmb_builder_create(
                 max_error: options.max_error,
                 cells_log2: cells_log2(options.cells)?,
                 threads: options.threads as usize,
+                ..BuildOptions::default()
             },
         };
         check_shape(&made)?;

@@ -9,4 +9,4 @@ mod refinement;
 pub use diamond::Diamond;
 pub use patch::{Apex, PatchGrid};
 pub use planar::{Lattice, Placement, ROOT_SIDE, Site};
-pub use refinement::{gather_half, reflect_absent_half};
+pub use refinement::{gather_half, reflect_absent_centres, reflect_absent_half};

@@ -58,6 +58,20 @@ pub fn reflect_absent_half<T: Copy>(cells: usize, absent: Apex, matrix: &mut [T]
     }
 }
 
+/// Fills the centres (N^2) of the half of a half diamond that is not present by reflection across the
+/// hypotenuse.
+pub fn reflect_absent_centres<T: Copy>(cells: usize, absent: Apex, matrix: &mut [T]) {
+    for j in 0..cells {
+        for i in (0..cells).filter(|&i| absent.holds_centre(cells, i, j)) {
+            let (a, b) = match absent {
+                Apex::Right | Apex::Bottom => (j, i),
+                Apex::Origin | Apex::Far => (cells - 1 - j, cells - 1 - i),
+            };
+            matrix[j * cells + i] = matrix[b * cells + a];
+        }
+    }
+}
+
 /// The child's index grid in the doubled index grid of its parent, where vertices have even indices
 /// and centres odd ones.
 struct DoubledMap {

@@ -3,6 +3,7 @@
 use super::fields::Fields;
 use super::index;
 use crate::geo::{RasterInfo, Registration, SampleType};
+pub use crate::transform::TransformKind;
 use crate::{Error, Result};
 
 /// The first bytes of every repository. As in PNG's, a transfer as text breaks them.
@@ -29,14 +30,8 @@ const GEOGRAPHIC: u16 = 2;
 const HAS_NODATA: u16 = 4;
 const LOSSLESS: u16 = 8;
 
-macro_rules! numbered {
-    ($(#[$docs:meta])* $name:ident, $what:literal,
-        $($(#[$variant_docs:meta])* $variant:ident = $number:literal),+) => {
-        $(#[$docs])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        #[repr(u8)]
-        pub enum $name { $($(#[$variant_docs])* $variant = $number),+ }
-
+macro_rules! from_number {
+    ($name:ident, $what:literal, $($variant:ident = $number:literal),+) => {
         impl TryFrom<u8> for $name {
             type Error = Error;
 
@@ -50,8 +45,20 @@ macro_rules! numbered {
     };
 }
 
+macro_rules! numbered {
+    ($(#[$docs:meta])* $name:ident, $what:literal,
+        $($(#[$variant_docs:meta])* $variant:ident = $number:literal),+) => {
+        $(#[$docs])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[repr(u8)]
+        pub enum $name { $($(#[$variant_docs])* $variant = $number),+ }
+
+        from_number!($name, $what, $($variant = $number),+);
+    };
+}
+
 numbered! {
-    /// What a repository holds. The numbers of this and the next three are those of the file.
+    /// What a repository holds. The numbers of this and the other kinds are those of the file.
     Kind, "kind",
     /// One height a sample.
     Heights = 0,
@@ -68,16 +75,13 @@ numbered! {
     /// The surface of a cube, blown up to a sphere.
     CubeSphere = 1
 }
-numbered! {
-    /// How a diamond's samples become coefficients.
-    TransformKind, "transform",
-    /// Residuals of a prediction, quantised in the loop.
+from_number!(
+    TransformKind,
+    "transform",
     Interpolating = 0,
-    /// Reversible integer wavelet.
     Lifted = 1,
-    /// Filtered levels, each with residuals of vertices and centres.
     TwoStage = 2
-}
+);
 numbered! {
     /// How coefficients become bits.
     EntropyKind, "entropy coder",
@@ -109,9 +113,9 @@ pub struct Header {
     pub block_length_unit: u8,
     /// The quantiser's bound e, in units.
     pub bound_units: u32,
-    /// Least unit of the input.
+    /// Least unit of the input; for [`TransformKind::Lifted`] of all decoded heights of all levels.
     pub unit_min: i32,
-    /// Greatest unit of the input.
+    /// Greatest unit of the same.
     pub unit_max: i32,
     /// sample = unit x `unit_scale` + `unit_offset`; finite and above 0.
     pub unit_scale: f64,
@@ -121,7 +125,7 @@ pub struct Header {
     pub sample_min: f64,
     /// Greatest valid sample of the input.
     pub sample_max: f64,
-    /// The max error that the build promised.
+    /// The max error that the build promised, or where it promised none, measured.
     pub max_error_bound: f64,
     /// The max error measured from the decoded bytes.
     pub max_error: f64,

@@ -13,10 +13,7 @@ pub struct Interpolating {
 impl Interpolating {
     /// A transform for diamonds of `cells` cells.
     pub fn new(cells: usize, quantiser: Quantiser) -> Interpolating {
-        Interpolating {
-            cells,
-            quantiser,
-        }
+        Interpolating { cells, quantiser }
     }
 
     fn predict(&self, vertices: &[i32]) -> Box<[i32]> {
@@ -28,6 +25,10 @@ impl Interpolating {
 }
 
 impl Transform for Interpolating {
+    fn range(&self) -> [i32; 2] {
+        self.quantiser.range()
+    }
+
     fn analyse(&self, validity: &Validity, vertices: &[i32], target: Target) -> Coefficients {
         let mut centres = self.predict(vertices);
         for (index, (coefficient, &sample)) in centres.iter_mut().zip(target.centres).enumerate() {

@@ -2,14 +2,45 @@
 
 pub mod adaptive;
 mod interpolating;
+mod lifted;
 mod neville;
 mod quantiser;
+mod two_stage;
 
-use crate::lattice::Apex;
+use crate::lattice::{Apex, reflect_absent_centres};
+use std::borrow::Cow;
 
 pub use interpolating::Interpolating;
+pub use lifted::Lifted;
 pub use neville::predict;
-pub use quantiser::{ListedHeights, Quantiser, LONGEST_LIST};
+pub use quantiser::{LONGEST_LIST, ListedHeights, Quantiser};
+pub use two_stage::TwoStage;
+
+/// The transforms that there are. The numbers are those of the file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum TransformKind {
+    /// Residuals of a prediction, quantised in the loop.
+    #[default]
+    Interpolating = 0,
+    /// Reversible integer wavelet.
+    Lifted = 1,
+    /// Filtered levels, each with residuals of vertices and centres.
+    TwoStage = 2,
+}
+
+impl TransformKind {
+    /// The transform for diamonds of `cells` cells with the quantiser's bound e (at most 2^30 - 1) and the
+    /// range of units, which [`Lifted`] has no use for.
+    pub fn transform(self, cells: usize, bound: i32, range: [i32; 2]) -> Box<dyn Transform> {
+        let quantiser = Quantiser::new(bound, range[0], range[1]);
+        match self {
+            TransformKind::Interpolating => Box::new(Interpolating::new(cells, quantiser)),
+            TransformKind::Lifted => Box::new(Lifted::new(cells, bound)),
+            TransformKind::TwoStage => Box::new(TwoStage::new(cells, quantiser)),
+        }
+    }
+}
 
 /// What turns a diamond's heights on the next level into coefficients, given its heights on its own
 /// level, and back.
@@ -17,6 +48,9 @@ pub use quantiser::{ListedHeights, Quantiser, LONGEST_LIST};
 /// Matrices of vertices are (N+1)^2, with an absent half reflected; matrices of centres are N^2. Integer
 /// arithmetic throughout: both directions agree on every machine.
 pub trait Transform: Send + Sync {
+    /// Least and greatest height that it can make.
+    fn range(&self) -> [i32; 2];
+
     /// Whether levels are filtered, so that refining changes inner vertices. If not, a vertex keeps one
     /// height for ever.
     fn is_filtering(&self) -> bool {
@@ -27,6 +61,11 @@ pub trait Transform: Send + Sync {
     /// own. Only inner ones that are valid change.
     fn filter(&self, validity: &Validity, vertices: &mut [i32], centres: &[i32]) {
         let _ = (validity, vertices, centres);
+    }
+
+    /// How many matrices of coefficients a diamond has: 2 where inner vertices have some.
+    fn matrices(&self) -> usize {
+        1
     }
 
     /// Which inner vertices have coefficients beside the centres: N^2, where entry `[j * N + i]` is 1 if
@@ -58,6 +97,17 @@ pub struct Validity<'a> {
     pub centres: Option<&'a [u8]>,
     /// The apex of the half that is not present, if one is not.
     pub absent: Option<Apex>,
+}
+
+impl Validity<'_> {
+    /// Which centres are valid, an absent half reflected.
+    fn whole_centres(&self, cells: usize) -> Option<Cow<'_, [u8]>> {
+        let mut centres = Cow::from(self.centres?);
+        if let Some(absent) = self.absent {
+            reflect_absent_centres(cells, absent, centres.to_mut());
+        }
+        Some(centres)
+    }
 }
 
 /// Heights on the next level that coefficients should lead to.

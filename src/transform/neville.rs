@@ -1,5 +1,7 @@
 //! Neville predictors on the quincunx lattice (Kovacevic and Sweldens 2000).
 
+use std::ops::Range;
+
 /// Predicts all N^2 centres of a diamond from its (N+1)^2 vertices.
 ///
 /// Order 4, `(10 * sum of the 4 nearest - sum of the 8 next nearest + 16) >> 5`, where its 12 points lie
@@ -34,6 +36,54 @@ pub fn predict(
             let value = (10 * nearest(near, far, i) - eight + 16) >> 5;
             output[i] = value.clamp(low, high) as i32;
         }
+    }
+}
+
+/// Corrects predictions by [`predict`] at the centres that `at` names, where not all 12 or 4 points are valid
+/// (not 0 in `valid`, (N+1)^2): the mean of the valid ones of the 4 nearest, else of all valid vertices of
+/// the diamond, else 0. Means are rounded to the nearest, halves up.
+pub(super) fn repredict_from_valid(
+    cells: usize,
+    vertices: &[i32],
+    valid: &[u8],
+    at: impl Fn(usize) -> bool,
+    predictions: &mut [i32],
+) {
+    let side = cells + 1;
+    let are_valid = |columns: Range<usize>, rows: Range<usize>| {
+        rows.into_iter()
+            .all(|j| !valid[j * side + columns.start..j * side + columns.end].contains(&0))
+    };
+    let mean = |places: &mut dyn Iterator<Item = usize>| {
+        let (mut sum, mut count) = (0, 0);
+        for place in places.filter(|&place| valid[place] != 0) {
+            sum += wide(vertices[place]);
+            count += 1;
+        }
+        (count > 0).then(|| (2 * sum + count).div_euclid(2 * count) as i32)
+    };
+    let mut mean_of_all = None;
+    for (index, prediction) in predictions
+        .iter_mut()
+        .enumerate()
+        .filter(|&(index, _)| at(index))
+    {
+        let (i, j) = (index % cells, index / cells);
+        let is_wide = (1..cells - 1).contains(&i) && (1..cells - 1).contains(&j);
+        // The 12 points are two crossed rectangles of 2 x 4.
+        let is_supported = if is_wide {
+            are_valid(i - 1..i + 3, j..j + 2) && are_valid(i..i + 2, j - 1..j + 3)
+        } else {
+            are_valid(i..i + 2, j..j + 2)
+        };
+        if is_supported {
+            continue;
+        }
+        let first = j * side + i;
+        let mut nearest = [first, first + 1, first + side, first + side + 1].into_iter();
+        *prediction = mean(&mut nearest).unwrap_or_else(|| {
+            *mean_of_all.get_or_insert_with(|| mean(&mut (0..side * side)).unwrap_or(0))
+        });
     }
 }
 

@@ -39,6 +39,7 @@ impl Raster {
             max_error,
             cells_log2,
             threads: 2,
+            ..BuildOptions::default()
         };
         build(&mut self.source(), &options, path, &mut |_, _| true)
     }

@@ -124,7 +124,9 @@ proptest! {
         let mut files = Vec::new();
         for threads in [1, 2, 5] {
             let path = folder.path().join(format!("{threads}.kmb"));
-            let options = kimberlite::build::BuildOptions { max_error: 3.0, cells_log2: 4, threads };
+            let options = kimberlite::build::BuildOptions {
+                max_error: 3.0, cells_log2: 4, threads, ..Default::default()
+            };
             kimberlite::build::build(&mut raster.source(), &options, &path, &mut |_, _| true).unwrap();
             files.push(std::fs::read(&path).unwrap());
         }
@@ -216,6 +218,7 @@ fn what_cannot_be_built_says_why_and_leaves_no_file() {
         max_error: 1.0,
         cells_log2: 4,
         threads: 1,
+        ..Default::default()
     };
     let text = message(kimberlite::build::build(
         &mut raster.source(),

@@ -66,14 +66,30 @@ pub struct Build {
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
     /// Largest error of any sample, in the raster's own units; 0 is lossless
-    #[arg(long, value_name = "E", value_parser = max_error, allow_hyphen_values = true)]
-    pub max_error: f64,
+    #[arg(
+        long,
+        value_name = "E",
+        value_parser = error_limit,
+        allow_hyphen_values = true,
+        required_unless_present = "rms",
+        conflicts_with = "rms"
+    )]
+    pub max_error: Option<f64>,
+    /// Instead, with --transform lifted: largest root mean square error, in the raster's own units
+    #[arg(long, value_name = "R", value_parser = error_limit, allow_hyphen_values = true)]
+    pub rms: Option<f64>,
     /// How samples become coefficients
     #[arg(long, value_enum, default_value = "interpolating")]
     pub transform: Transform,
     /// How coefficients become bits
-    #[arg(long, value_enum, default_value = "gamma")]
+    #[arg(long, value_enum, default_value = "rans")]
     pub entropy: Entropy,
+    /// How centres are predicted, with --transform interpolating and --entropy rans
+    #[arg(long, value_enum, default_value = "adaptive")]
+    pub prediction: Prediction,
+    /// A repository whose weights and tables to use instead of training new ones
+    #[arg(long, value_name = "F.kmb")]
+    pub tables_from: Option<PathBuf>,
     /// Cells along a diamond's side
     #[arg(long, value_enum, default_value = "64")]
     pub cells: Cells,
@@ -86,12 +102,28 @@ pub struct Build {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Transform {
+    /// Point samples on every level, each within the maximum error
     Interpolating,
+    /// A wavelet on filtered levels: lossless, or with an RMS error
+    Lifted,
+    /// Filtered levels, each within the maximum error of the filtered data
+    TwoStage,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Entropy {
+    /// A quadtree of Elias gamma codes
     Gamma,
+    /// Interleaved rANS in contexts, with tables trained on the input
+    Rans,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Prediction {
+    /// Trained on the input
+    Adaptive,
+    /// The transform's own rule
+    Fixed,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -170,7 +202,7 @@ pub struct Fly {
     pub budget_us: Option<u64>,
 }
 
-fn max_error(text: &str) -> Result<f64, String> {
+fn error_limit(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if number >= 0.0 && number.is_finite() {
         return Ok(number);

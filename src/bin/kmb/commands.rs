@@ -5,6 +5,7 @@ use crate::progress::Progress;
 use crate::report::Report;
 use kimberlite::build::source::open_all;
 use kimberlite::build::{self, BuildOptions};
+use kimberlite::codec::Model;
 use kimberlite::cut::{DiamondSource, Query, Terrain};
 use kimberlite::geo::Registration;
 use kimberlite::store::{Access, DomainKind, EntropyKind, Kind, TransformKind};
@@ -60,11 +61,24 @@ fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
 
 fn build(arguments: &arguments::Build) -> Result<Report> {
     let start = Instant::now();
-    // One variant each today: they are named so that scripts can say what they rely on.
-    let (arguments::Transform::Interpolating, arguments::Entropy::Gamma) =
-        (arguments.transform, arguments.entropy);
     let options = BuildOptions {
-        max_error: arguments.max_error,
+        transform: match arguments.transform {
+            arguments::Transform::Interpolating => TransformKind::Interpolating,
+            arguments::Transform::Lifted => TransformKind::Lifted,
+            arguments::Transform::TwoStage => TransformKind::TwoStage,
+        },
+        max_error: arguments.max_error.unwrap_or(0.0),
+        rms_error: arguments.rms,
+        entropy: match arguments.entropy {
+            arguments::Entropy::Gamma => EntropyKind::Gamma,
+            arguments::Entropy::Rans => EntropyKind::Rans,
+        },
+        adaptive: matches!(arguments.prediction, arguments::Prediction::Adaptive),
+        tables: arguments
+            .tables_from
+            .as_deref()
+            .map(tables_of)
+            .transpose()?,
         cells_log2: arguments.cells as u32,
         threads: arguments.threads,
     };
@@ -84,6 +98,18 @@ fn build(arguments: &arguments::Build) -> Result<Report> {
         .with("rms_error", built.rms_error)
         .with("seconds", start.elapsed().as_secs_f64())
         .with("peak_memory_bytes", peak_memory_bytes()))
+}
+
+/// What another repository was coded by.
+fn tables_of(file: &Path) -> Result<Model> {
+    let terrain = open(file)?;
+    let none = || {
+        Error::input(
+            file,
+            String::from("it has no tables: it was built with --entropy gamma"),
+        )
+    };
+    terrain.model().cloned().ok_or_else(none)
 }
 
 /// Bits of the file for every valid sample; `None` where there is none.
