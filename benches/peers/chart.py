@@ -67,7 +67,7 @@ def arguments():
     parser.add_argument("--out", type=pathlib.Path, default=measure.REPOSITORY / "docs/charts")
     parser.add_argument("--kmb", default=measure.REPOSITORY / "target/release/kmb")
     parser.add_argument("--repeats", type=int, default=5, help="runs of which the median counts")
-    parser.add_argument("--seconds", type=float, default=4, help="about the time for one speed")
+    parser.add_argument("--seconds", type=float, default=2, help="about the time for one speed")
     return parser.parse_args()
 
 

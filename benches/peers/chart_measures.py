@@ -5,6 +5,7 @@ import csv
 import numpy
 
 CELLS = [16, 32, 64, 128]
+PLAIN = "input, every n-th sample"
 LEAST_COARSE = 5
 """Samples along the shorter side of the coarsest level that is measured."""
 
@@ -100,7 +101,7 @@ def all_levels(raster, bound, kmb):
     for step in sorted({row["spacing"] for row in rows}):
         true = raster.samples[::step, ::step]
         rms = surface_rms(true, raster.samples, step)
-        rows.append({"raster": raster.name, "codec": "input, every n-th sample", "spacing": step,
+        rows.append({"raster": raster.name, "codec": PLAIN, "spacing": step,
                      "posts_rms": 0.0, "posts_max": 0.0, "surface_rms": rms})  # fmt: skip
     return rows
 

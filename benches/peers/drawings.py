@@ -3,7 +3,7 @@
 import math
 
 import summary
-from chart_measures import CELLS, write
+from chart_measures import CELLS, PLAIN, write
 from svg import Axis, Chart, Style, nice_log
 
 STYLES = {
@@ -16,7 +16,7 @@ STYLES = {
     "interpolating": Style("circle", "", True),
     "lifted": Style("up", "2 3", True),
     "two-stage": Style("down", "9 3 2 3", True),
-    "input, every n-th sample": Style("square", "5 4", False),
+    PLAIN: Style("square", "5 4", False),
     "JPEG XL e7": Style("circle", "", False),
     "JPEG-LS": Style("square", "6 3", False),
     "JPEG 2000": Style("up", "2 2", False),
@@ -28,7 +28,7 @@ STYLES = {
     "zfp": Style("cross", "3 3 1 3", False),
 }
 
-BITS = [m * f for f in (0.01, 0.1, 1, 10) for m in (1, 2, 3, 5)]
+BITS = [m * f for f in (0.01, 0.1, 1, 10) for m in (1, 1.5, 2, 3, 4, 5, 6, 8)]
 """Ticks of logarithmic axes of bits."""
 
 
@@ -67,7 +67,7 @@ def rate(out, raster, rows, unit):
     bits = [row["bits_per_sample"] for row in plotted]
     low, high = nice_log(bits)
     y = Axis("bits a valid sample, whole file", low, high, True, ticks=[m for m in BITS if low <= m <= high])
-    chart = Chart(f"Size against max error: {raster}", "lower is better; thick: ours; both axes logarithmic", x, y)
+    chart = Chart(f"Size against max error: {raster}", "lower is better; thick: ours; both axes logarithmic, 0: lossless", x, y)
     for codec, of_codec in by_codec(plotted).items():
         chart.curve([(row["max_error"], row["bits_per_sample"]) for row in of_codec], codec, STYLES[codec])
     save(out, f"rate_{raster}", chart, plotted)
@@ -137,20 +137,21 @@ def errors(out, raster, rows, unit):
 
 
 def levels(out, rows, units):
-    """Distance of the coarse levels to the full surface, one curve a transform."""
+    """Distance of the coarse levels to the full surface, one curve a transform, in parts of the distance of a surface through
+    every n-th sample of the input, which any transform could do without a filter."""
     for raster in dict.fromkeys(row["raster"] for row in rows):
         unit = units[raster]
         here = [row for row in rows if row["raster"] == raster]
-        spacings = sorted({row["spacing"] for row in here})
-        low, high = nice_log([row["surface_rms"] for row in here])
+        plain = {row["spacing"]: row["surface_rms"] for row in here if row["codec"] == PLAIN}
+        ratios = {id(row): row["surface_rms"] / plain[row["spacing"]] for row in here}
+        spacings = sorted(plain)
+        low, high = min(ratios.values()), max(ratios.values())
         x = Axis("spacing of the level, samples of the input", spacings[0], spacings[-1], True, ticks=spacings)
-        marks = [m * f for f in (0.1, 1, 10, 100, 1000) for m in (1, 2, 5)]
-        label = f"RMS distance to the full surface, {unit_name(unit)}"
-        y = Axis(label, low, high, True, ticks=[m for m in marks if low <= m <= high])
+        y = Axis("RMS distance to the full surface; every n-th sample: 1", low - 0.03, high + 0.03)
         subtitle = f"built at {unit['bounds'][1]:g} {unit_name(unit)}; bilinear between a level's samples; lower is better"
         chart = Chart(f"Coarse levels: {raster}", subtitle, x, y)
         for codec, of_codec in by_codec(here).items():
-            chart.curve([(row["spacing"], row["surface_rms"]) for row in of_codec], codec, STYLES[codec])
+            chart.curve([(row["spacing"], ratios[id(row)]) for row in of_codec], codec, STYLES[codec])
         save(out, f"levels_{raster}", chart, here)
 
 

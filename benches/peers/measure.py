@@ -135,7 +135,7 @@ def arguments():
     parser.add_argument("--no-ours", action="store_true")
     parser.add_argument("--no-peers", action="store_true")
     parser.add_argument("--repeats", type=int, default=5, help="runs of which the median counts; 0: no speeds")
-    parser.add_argument("--seconds", type=float, default=4, help="about the time for one speed")
+    parser.add_argument("--seconds", type=float, default=2, help="about the time for one speed")
     return parser.parse_args()
 
 

@@ -23,6 +23,11 @@ class Failed(RuntimeError):
         self.code = code
 
 
+def help_of(program, command):
+    """What a command of the program says of itself."""
+    return subprocess.run([program, command, "--help"], capture_output=True, text=True).stdout
+
+
 class Kmb:
     """The program, a folder for its files, and the pairs of transform and coder that it accepts."""
 
@@ -45,10 +50,6 @@ class Kmb:
         if done.returncode != 0:
             raise Failed(done.returncode, done.stderr.strip())
         return json.loads(done.stdout)
-
-    def help(self, command):
-        done = subprocess.run([self.program, command, "--help"], capture_output=True, text=True)
-        return done.stdout
 
     def build(self, source, output, rate, transform, entropy, extra=()):
         """Builds on one thread; `rate` is ("--max-error", E) or ("--rms", R)."""

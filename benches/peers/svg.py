@@ -176,7 +176,7 @@ class Chart:
         """Beside the points, where they overlap neither a marker nor another label."""
         taken = [(x - 6, y - 6, x + 6, y + 6) for x, y, _, _ in self.points]
         for x, y, label, style in sorted(self.points, key=lambda point: not point[3].bold):
-            width = CHARACTER_WIDTH * len(label) * (1.08 if style.bold else 1)
+            width = CHARACTER_WIDTH * len(label) * (1.14 if style.bold else 1)
             box = next(
                 (box for box in label_boxes(x, y, width) if inside(box) and not any(overlap(box, t) for t in taken)),
                 label_boxes(x, y, width)[0],
