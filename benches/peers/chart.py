@@ -4,7 +4,6 @@
 """
 
 import argparse
-import csv
 import os
 import pathlib
 import platform
@@ -16,27 +15,27 @@ import ours
 import rasters
 import summary
 
+KINDS = ["rate", "speed", "errors", "levels", "cells"]
 LEAST_SAMPLES = 150_000
 """Valid samples of a raster that gets charts."""
 
 
 def measure_all(options):
-    """Everything that the drawings need, as CSV under options.out. Returns the text of what was measured on."""
+    """Everything that the drawings need, as CSV under options.out, in place of what was there."""
     out = options.out
+    for old in [path for kind in KINDS for path in out.glob(f"{kind}_*")]:
+        old.unlink()
     options.csv = out / "measured.csv"
-    options.chart, options.no_ours, options.no_peers = True, False, False
+    options.chart, options.no_ours, options.no_peers, options.peers_from = True, False, False, None
     measure.run(options)
     kmb = ours.Kmb(options.kmb)
-    levels, cells = [], []
     for raster in rasters.load_all(options.data, options.only):
         if raster.valid_count < LEAST_SAMPLES or not raster.valid.all():
             continue
         bound = raster.unit["bounds"][1]
         print(f"levels and patch sizes of {raster.name}", flush=True)
-        levels += chart_measures.all_levels(raster, bound, kmb)
-        cells += chart_measures.all_cells(raster, bound, kmb, options)
-    chart_measures.write(out / "levels.csv", levels)
-    chart_measures.write(out / "cells.csv", cells)
+        chart_measures.write(out / f"levels_{raster.name}.csv", chart_measures.all_levels(raster, bound, kmb))
+        chart_measures.write(out / f"cells_{raster.name}.csv", chart_measures.all_cells(raster, bound, kmb, options))
 
 
 def machine():
@@ -47,16 +46,6 @@ def machine():
         names = [line.split(":")[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
         name = names[0] if names else name
     return f"{os.cpu_count()} cores of {name}"
-
-
-def read_measured(path):
-    with open(path, newline="") as file:
-        rows = list(csv.DictReader(file))
-    for row in rows:
-        for key in row:
-            if key not in ("raster", "codec", "mode", "within"):
-                row[key] = float(row[key])
-    return rows
 
 
 def arguments():
@@ -78,10 +67,11 @@ def main():
     if not options.redraw:
         measure_all(options)
         (out / "machine.txt").write_text(machine() + "\n")
-    rows = read_measured(out / "measured.csv")
+    rows = chart_measures.read([out / "measured.csv"])
+    levels = chart_measures.read(sorted(out.glob("levels_*.csv")))
     units = {raster.name: raster.unit for raster in rasters.load_all(options.data, options.only)}
     units = {name: unit for name, unit in units.items() if any(row["raster"] == name for row in rows)}
-    text = summary.page(rows, units, chart_measures.read(out / "levels.csv"), (out / "machine.txt").read_text().strip())
+    text = summary.page(rows, units, levels, (out / "machine.txt").read_text().strip())
     (out / "summary.md").write_text(text)
     for name in units:
         here = [row for row in rows if row["raster"] == name]
@@ -89,8 +79,8 @@ def main():
             drawings.rate(out, name, here, units[name])
             drawings.speed(out, name, here, units[name])
             drawings.errors(out, name, here, units[name])
-    drawings.levels(out, chart_measures.read(out / "levels.csv"), units)
-    drawings.cells(out, chart_measures.read(out / "cells.csv"), units)
+    drawings.levels(out, levels, units)
+    drawings.cells(out, chart_measures.read(sorted(out.glob("cells_*.csv"))), units)
 
 
 if __name__ == "__main__":

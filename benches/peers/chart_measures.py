@@ -5,16 +5,14 @@ import csv
 import numpy
 
 CELLS = [16, 32, 64, 128]
+NAMES = ("raster", "codec", "mode", "within")
 PLAIN = "input, every n-th sample"
 LEAST_COARSE = 5
 """Samples along the shorter side of the coarsest level that is measured."""
 
 
 def write(path, rows):
-    """Dictionaries with equal keys as CSV; floats with six digits. Without rows there is no file."""
-    if not rows:
-        path.unlink(missing_ok=True)
-        return
+    """Dictionaries with equal keys as CSV; floats with six digits."""
     with open(path, "w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
@@ -22,19 +20,13 @@ def write(path, rows):
             writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
 
 
-def read(path):
-    """Rows as `write` left them, what looks like a number as a float; none without the file."""
-    if not path.exists():
-        return []
-
-    def value(text):
-        try:
-            return float(text)
-        except ValueError:
-            return text
-
-    with open(path, newline="") as file:
-        return [{k: value(v) for k, v in row.items()} for row in csv.DictReader(file)]
+def read(paths):
+    """The rows of several files as `write` left them; all columns but those of names are floats."""
+    rows = []
+    for path in paths:
+        with open(path, newline="") as file:
+            rows += [{k: v if k in NAMES else float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    return rows
 
 
 def upsampled(coarse, step):

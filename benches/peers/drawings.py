@@ -28,8 +28,8 @@ STYLES = {
     "zfp": Style("cross", "3 3 1 3", False),
 }
 
-BITS = [m * f for f in (0.01, 0.1, 1, 10) for m in (1, 1.5, 2, 3, 4, 5, 6, 8)]
-"""Ticks of logarithmic axes of bits."""
+TICKS = [m * f for f in (0.01, 0.1, 1, 10, 100) for m in (1, 1.5, 2, 3, 4, 5, 6, 8)]
+"""Ticks of logarithmic axes."""
 
 
 def by_codec(rows):
@@ -41,10 +41,6 @@ def by_codec(rows):
 def save(out, name, chart, rows):
     (out / f"{name}.svg").write_text(chart.render())
     write(out / f"{name}.csv", rows)
-
-
-def unit_name(unit):
-    return unit["name"].split(",")[0]
 
 
 def error_of(row):
@@ -63,10 +59,10 @@ def rate(out, raster, rows, unit):
     errors = [row["max_error"] for row in plotted if row["max_error"] > 0]
     lossless = any(row["max_error"] == 0 for row in plotted)
     ticks = sorted({row["bound"] for row in rows})
-    x = Axis(f"max error, {unit_name(unit)}", min(errors), max(errors), True, lossless, ticks)
+    x = Axis(f"max error, {unit['symbol']}", min(errors), max(errors), True, lossless, ticks)
     bits = [row["bits_per_sample"] for row in plotted]
     low, high = nice_log(bits)
-    y = Axis("bits a valid sample, whole file", low, high, True, ticks=[m for m in BITS if low <= m <= high])
+    y = Axis("bits a valid sample, whole file", low, high, True, ticks=[m for m in TICKS if low <= m <= high])
     chart = Chart(f"Size against max error: {raster}", "lower is better; thick: ours; both axes logarithmic, 0: lossless", x, y)
     for codec, of_codec in by_codec(plotted).items():
         chart.curve([(row["max_error"], row["bits_per_sample"]) for row in of_codec], codec, STYLES[codec])
@@ -83,11 +79,11 @@ def speed(out, raster, rows, unit):
         return
     bits = [row["bits_per_sample"] for row in plotted]
     low, high = 0.8 * min(bits), 1.3 * max(bits)
-    x = Axis("bits a valid sample, whole file", low, high, True, ticks=[m for m in BITS if low <= m <= high])
+    x = Axis("bits a valid sample, whole file", low, high, True, ticks=[m for m in TICKS if low <= m <= high])
     ends = nice_log([row["decode_msamples_per_s"] for row in plotted])
     y = Axis("decoded Msamples/s, one core", *ends, log=True)
     y.ticks = [m * f for f in (1, 10, 100) for m in (1, 2, 5) if ends[0] <= m * f <= ends[1]]
-    title = f"Decoding speed against size: {raster}, max error {bound:g} {unit_name(unit)}"
+    title = f"Decoding speed against size: {raster}, max error {bound:g} {unit['symbol']}"
     chart = Chart(title, "better: up and to the left; filled: ours, with random access to every diamond", x, y, 30)
     for row in plotted:
         chart.point(row["bits_per_sample"], row["decode_msamples_per_s"], row["codec"], STYLES[row["codec"]])
@@ -110,8 +106,8 @@ def at_bits(rows, bits):
 
 
 def errors(out, raster, rows, unit):
-    """RMS against max error, all codecs at the bits that ours needs for the second bound."""
-    our = summary.our_row([row for row in rows if row["bound"] == unit["bounds"][1]])
+    """RMS against max error, all codecs at the bits that ours needs for the last bound, which most curves reach."""
+    our = summary.our_row([row for row in rows if row["bound"] == unit["bounds"][-1]])
     if our is None:
         return
     bits = our["bits_per_sample"]
@@ -120,17 +116,16 @@ def errors(out, raster, rows, unit):
         found = at_bits(of_codec, bits)
         if found:
             plotted.append({"codec": codec, "bits_per_sample": bits, "max_error": found[0], "rms_error": found[1]})
-    marks = [m * f for f in (0.01, 0.1, 1, 10, 100, 1000) for m in (1, 2, 5)]
 
     def axis(label, key):
         low, high = nice_log([row[key] for row in plotted])
         low, high = low / 1.3, high * 1.3
-        return Axis(label, low, high, True, ticks=[m for m in marks if low <= m <= high])
+        return Axis(label, low, high, True, ticks=[m for m in TICKS if low <= m <= high])
 
-    x = axis(f"max error, {unit_name(unit)}", "max_error")
-    y = axis(f"RMS error, {unit_name(unit)}", "rms_error")
+    x = axis(f"max error, {unit['symbol']}", "max_error")
+    y = axis(f"RMS error, {unit['symbol']}", "rms_error")
     title = f"Errors at equal size: {raster}, {bits:.2f} bits a sample"
-    chart = Chart(title, "better: down and to the left; between measured sizes interpolated; filled: ours", x, y, 30)
+    chart = Chart(title, "better: down and to the left; interpolated between measured sizes, left out beyond; filled: ours", x, y, 30)
     for row in plotted:
         chart.point(row["max_error"], row["rms_error"], row["codec"], STYLES[row["codec"]])
     save(out, f"errors_{raster}", chart, plotted)
@@ -148,11 +143,11 @@ def levels(out, rows, units):
         low, high = min(ratios.values()), max(ratios.values())
         x = Axis("spacing of the level, samples of the input", spacings[0], spacings[-1], True, ticks=spacings)
         y = Axis("RMS distance to the full surface; every n-th sample: 1", low - 0.03, high + 0.03)
-        subtitle = f"built at {unit['bounds'][1]:g} {unit_name(unit)}; bilinear between a level's samples; lower is better"
+        subtitle = f"built at {unit['bounds'][1]:g} {unit['symbol']}; bilinear between a level's samples; lower is better"
         chart = Chart(f"Coarse levels: {raster}", subtitle, x, y)
         for codec, of_codec in by_codec(here).items():
             chart.curve([(row["spacing"], ratios[id(row)]) for row in of_codec], codec, STYLES[codec])
-        save(out, f"levels_{raster}", chart, here)
+        (out / f"levels_{raster}.svg").write_text(chart.render())
 
 
 def cells(out, rows, units):
@@ -162,9 +157,9 @@ def cells(out, rows, units):
         here = [row for row in rows if row["raster"] == raster]
         x = Axis("cells along a diamond's side", CELLS[0], CELLS[-1], True, ticks=CELLS)
         y = Axis("decoded Msamples/s, one core", 0, 1.1 * max(row["decode_msamples_per_s"] for row in here))
-        subtitle = f"max error {unit['bounds'][1]:g} {unit_name(unit)}; higher is better"
+        subtitle = f"max error {unit['bounds'][1]:g} {unit['symbol']}; higher is better"
         chart = Chart(f"Decoding speed against patch size: {raster}", subtitle, x, y)
         for codec, of_codec in by_codec(here).items():
             points = [(row["cells"], row["decode_msamples_per_s"]) for row in of_codec]
             chart.curve(points, codec, STYLES[codec])
-        save(out, f"cells_{raster}", chart, here)
+        (out / f"cells_{raster}.svg").write_text(chart.render())

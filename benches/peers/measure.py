@@ -1,6 +1,6 @@
 """Measures peers and ours on the same rasters at the same bounds, in one run, and says where ours loses.
 
-    measure.py [--data FOLDER] [--only PATTERN] [--chart] [--no-ours | --no-peers] --csv OUT.csv
+    measure.py [--data FOLDER] [--only PATTERN] [--no-ours | --no-peers | --peers-from OLD.csv] --csv OUT.csv
 """
 
 import argparse
@@ -10,6 +10,7 @@ import pathlib
 import sys
 from dataclasses import asdict, dataclass, fields
 
+import chart_measures
 import ours
 import peer_codecs
 import rasters
@@ -114,7 +115,7 @@ def run(options):
         csv.writer(file, lineterminator="\n").writerow([field.name for field in fields(Row)])
         for raster in found:
             for bound in raster.unit["chart" if options.chart else "bounds"]:
-                sources = [] if options.no_peers else [peer_rows(raster, bound, options)]
+                sources = [] if options.no_peers or options.peers_from else [peer_rows(raster, bound, options)]
                 if kmb:
                     sources.append(Row(**values) for values in kmb.rows(raster, bound, options))
                 for source in sources:
@@ -123,6 +124,13 @@ def run(options):
                         write_row(file, row)
                         rows.append(row)
     return [asdict(row) for row in rows], {raster.name: raster.unit for raster in found}
+
+
+def earlier_peers(path, units):
+    """The peers' rows of an earlier run, for the rasters and bounds of this one."""
+    for row in chart_measures.read([path]):
+        if row["codec"] in peer_codecs.NAMES and row["bound"] in units.get(row["raster"], {}).get("bounds", []):
+            yield row
 
 
 def arguments():
@@ -134,6 +142,7 @@ def arguments():
     parser.add_argument("--chart", action="store_true", help="the bounds of the curves")
     parser.add_argument("--no-ours", action="store_true")
     parser.add_argument("--no-peers", action="store_true")
+    parser.add_argument("--peers-from", help="takes the peers from the CSV of an earlier run, to be quick")
     parser.add_argument("--repeats", type=int, default=5, help="runs of which the median counts; 0: no speeds")
     parser.add_argument("--seconds", type=float, default=2, help="about the time for one speed")
     return parser.parse_args()
@@ -142,6 +151,8 @@ def arguments():
 def main():
     options = arguments()
     rows, units = run(options)
+    if options.peers_from:
+        rows += earlier_peers(options.peers_from, units)
     broken = [row for row in rows if row["within"] == "no"]
     for row in broken:
         print(f"BOUND BROKEN: {row['raster']} {row['codec']} {row['mode']} E {row['bound']:g}: {row['max_error']:g}")

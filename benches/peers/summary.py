@@ -108,7 +108,7 @@ def sizes(rows, units):
         for bound in unit["bounds"]:
             here = [find(rows, name, bound, codec) for codec in codecs]
             kept = [row["bytes"] for row in here if row and row["within"] == "yes"]
-            lines.append(f"| {name} | {bound:g} | " + " | ".join(size_cell(row, min(kept)) for row in here) + " |")
+            lines.append(f"| {name} | {bound:g} | " + " | ".join(size_cell(row, min(kept, default=0)) for row in here) + " |")
     return "\n".join(lines)
 
 
@@ -159,7 +159,7 @@ def page(rows, units, levels, machine):
     sections = [
         ("Ours against the best peer", text(charted, units)),
         ("Bits a valid sample, whole file", sizes(rows, units)),
-        ("Speed at the second bound of each raster, one core", speeds(rows, units)),
+        ("Speed at 1 m (10 dm; floats 0.1 m), one core", speeds(rows, units)),
         ("Ours against the papers' codec", against_papers(rows, units)),
         ("Coarse levels: RMS distance to the full surface", levels_table(levels)),
     ]
