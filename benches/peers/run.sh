@@ -6,7 +6,7 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 environment=$(cd "$here/../.." && pwd)/target/peers/python
 wanted=$here/requirements.txt
 if [ $# -lt 1 ] || [ ! -f "$here/$1.py" ]; then
-    sed -n 3p "$0" >&2
+    sed -n '3s/^# //p' "$0" >&2
     exit 2
 fi
 if ! cmp -s "$wanted" "$environment/installed.txt"; then
