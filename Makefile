@@ -1,6 +1,8 @@
 # make demo    on a fresh Debian: installs what is missing, builds, flies over data/'s Puget Sound, leaves pictures in target/demo
 # make check   every test and check of the project
 # make sweep   DATA=folder: builds, verifies and extracts every raster of a folder at three maximum errors
+# make peers   measures other codecs and ours on the same rasters at the same maximum errors; DATA=folder, ARGS=more options
+# make chart   the same for the charts of docs/charts/, and redraws them; ARGS=--redraw draws the last measurements again, IMAGE=file adds colour
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
 
@@ -12,7 +14,7 @@ KMB := target/release/kmb
 PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo check deps build library examples header sweep clean
+.PHONY: demo check deps build library examples header sweep peers chart clean
 
 deps:
 	@missing=""; for p in $(PACKAGES); do dpkg -s $$p 2>/dev/null | grep -q '^Status: install ok installed' || missing="$$missing $$p"; done; \
@@ -43,6 +45,16 @@ check: build
 sweep: build
 	@test -n "$(DATA)" || { echo "give a folder of rasters: make sweep DATA=folder"; exit 2; }
 	KIMBERLITE_DATA="$(abspath $(DATA))" cargo test --locked --release --test terrain elevation -- --nocapture
+
+peers:
+	cargo build --release --locked
+	@mkdir -p target/peers
+	bash benches/peers/run.sh measure --csv target/peers/measured.csv $(if $(DATA),--data "$(abspath $(DATA))") $(ARGS)
+
+chart:
+	cargo build --release --locked
+	bash benches/peers/run.sh chart $(if $(DATA),--data "$(abspath $(DATA))") $(ARGS)
+	$(if $(IMAGE),bash benches/peers/run.sh colour "$(abspath $(IMAGE))" --csv docs/charts/colour.csv --svg docs/charts/colour.svg)
 
 clean:
 	rm -rf target
