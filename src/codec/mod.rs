@@ -3,6 +3,7 @@
 
 mod block;
 mod bounds;
+pub mod colour;
 mod mask;
 mod matrix;
 mod model;

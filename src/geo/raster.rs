@@ -72,6 +72,20 @@ impl SampleType {
         }
     }
 
+    /// The greatest finite sample of this type.
+    pub fn greatest(self) -> f64 {
+        match self {
+            SampleType::U8 => f64::from(u8::MAX),
+            SampleType::I8 => f64::from(i8::MAX),
+            SampleType::U16 => f64::from(u16::MAX),
+            SampleType::I16 => f64::from(i16::MAX),
+            SampleType::U32 => f64::from(u32::MAX),
+            SampleType::I32 => f64::from(i32::MAX),
+            SampleType::F32 => f64::from(f32::MAX),
+            SampleType::F64 => f64::MAX,
+        }
+    }
+
     /// Lower-case name: `u8` ... `f64`.
     pub fn name(self) -> &'static str {
         ["u8", "i8", "u16", "i16", "u32", "i32", "f32", "f64"][self as usize]
@@ -90,7 +104,8 @@ pub enum Registration {
     Point = 1,
 }
 
-/// A raster's shape, sample type and georeference: all that `extract` must restore.
+/// A raster's shape, sample type and georeference: all that `extract` must restore. A sample of an image
+/// has three numbers, red, green and blue, and is void as a whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RasterInfo {
     /// Samples a row.
@@ -99,6 +114,10 @@ pub struct RasterInfo {
     pub height: u32,
     /// How the input stored a sample.
     pub sample_type: SampleType,
+    /// Numbers a sample: 1 for heights, 3 for colours.
+    pub bands: u8,
+    /// Whether the input's file marks voids by a further band that holds zero there (colours only).
+    pub alpha: bool,
     /// GDAL's six numbers: `X = g0 + column g1 + row g2`, `Y = g3 + column g4 + row g5`.
     pub geotransform: [f64; 6],
     /// Whether the input said where it lies; otherwise `geotransform` is a default.
@@ -109,7 +128,7 @@ pub struct RasterInfo {
     pub geographic: bool,
     /// The coordinate reference system: WKT, or `EPSG:n`, or empty.
     pub crs: String,
-    /// The value that marks a void in the input's file, if it has one. NaN is a void in any case.
+    /// The value that marks a void in the input's file, in all bands, if it has one. NaN is a void in any case.
     pub nodata: Option<f64>,
     /// Physical height = `value_scale` x sample + `value_offset`.
     pub value_scale: f64,
@@ -128,6 +147,8 @@ impl RasterInfo {
             width,
             height,
             sample_type,
+            bands: 1,
+            alpha: false,
             geotransform: [0.0, 1.0, 0.0, f64::from(height) - 1.0, 0.0, -1.0],
             georeferenced: false,
             registration: Registration::Point,
@@ -138,6 +159,33 @@ impl RasterInfo {
             value_offset: 0.0,
             units: String::new(),
             metadata: BTreeMap::new(),
+        }
+    }
+
+    /// Numbers a row: `width` x `bands`.
+    pub fn row_length(&self) -> usize {
+        self.width as usize * usize::from(self.bands)
+    }
+
+    /// The same georeference for `width` x `height` samples, the first of which lies at fractional
+    /// column and row `first`, and the others in steps of `stride` columns and rows.
+    pub fn on_grid(&self, first: [f64; 2], stride: f64, [width, height]: [u32; 2]) -> RasterInfo {
+        let g = &self.geotransform;
+        // A sample stays where it is; an area's corner moves, since the area around a sample changes.
+        let shift = self.registration_shift() * (1.0 - stride);
+        let (column, row) = (first[0] + shift, first[1] + shift);
+        RasterInfo {
+            width,
+            height,
+            geotransform: [
+                g[0] + column * g[1] + row * g[2],
+                g[1] * stride,
+                g[2] * stride,
+                g[3] + column * g[4] + row * g[5],
+                g[4] * stride,
+                g[5] * stride,
+            ],
+            ..self.clone()
         }
     }
 
@@ -163,7 +211,8 @@ impl RasterInfo {
         ])
     }
 
-    fn registration_shift(&self) -> f64 {
+    /// How far, in samples, the geotransform's origin lies before the first sample.
+    pub fn registration_shift(&self) -> f64 {
         match self.registration {
             Registration::Area => 0.5,
             Registration::Point => 0.0,

@@ -4,7 +4,7 @@ use super::Progress;
 use super::bands::Bands;
 use super::raster_file::write_geotiff;
 use crate::cut::{DiamondSource, Terrain, Window, level_size, level_step};
-use crate::geo::{RasterInfo, Registration};
+use crate::geo::RasterInfo;
 use crate::{Error, Result};
 use std::ops::Range;
 use std::path::Path;
@@ -61,7 +61,8 @@ pub fn extract(
             }
         }
     };
-    let info = resampled(raster, stride, window);
+    let first = [window.column, window.row].map(|first| f64::from(first) * f64::from(stride));
+    let info = raster.on_grid(first, f64::from(stride), [window.width, window.height]);
     let mut bands = Bands::new(terrain, level, window);
     write_geotiff(output, &info, |first_row, samples| {
         for (row, line) in (first_row..).zip(samples.chunks_exact_mut(info.width as usize)) {
@@ -109,31 +110,6 @@ fn window_of(raster: &RasterInfo, stride: u32, [x0, y0, x1, y1]: [f64; 4]) -> Re
         _ => Err(Error::Argument(format!(
             "no sample lies in the box {x0} {y0} {x1} {y1}"
         ))),
-    }
-}
-
-/// What is known of a window of every `stride`-th sample.
-fn resampled(raster: &RasterInfo, stride: u32, window: Window) -> RasterInfo {
-    let half = match raster.registration {
-        Registration::Area => 0.5,
-        Registration::Point => 0.0,
-    };
-    let (stride, g) = (f64::from(stride), &raster.geotransform);
-    // A sample stays where it is; an area's corner moves, since the area around a sample grows.
-    let shift = |first: u32| f64::from(first) * stride + half * (1.0 - stride);
-    let (column, row) = (shift(window.column), shift(window.row));
-    RasterInfo {
-        width: window.width,
-        height: window.height,
-        geotransform: [
-            g[0] + column * g[1] + row * g[2],
-            g[1] * stride,
-            g[2] * stride,
-            g[3] + column * g[4] + row * g[5],
-            g[4] * stride,
-            g[5] * stride,
-        ],
-        ..raster.clone()
     }
 }
 

@@ -23,15 +23,20 @@ const STRIP_BYTES: usize = 1 << 18;
 /// From this many bytes of samples on the file is a BigTIFF; leaves room for the tags below 4 GiB.
 const BIG_TIFF_BYTES: u64 = 4_200_000_000;
 
+/// Most bands of a file: red, green, blue and alpha.
+const MOST_BANDS: usize = 4;
+
 /// Writes `info.height` rows as a GeoTIFF of deflated strips, under a temporary name that is renamed at the
-/// end. `rows` fills whole rows, the first of which has the given number, from the top, each once;
-/// a void is NaN and is stored as `info.nodata`.
+/// end; colours as interleaved red, green and blue. `rows` fills whole rows,
+/// `[column * info.bands + band]`, the first of which has the given number, from the top, each once.
+/// A void is NaN in all bands and is stored as `info.nodata`, and with `info.alpha` as alpha 0
+/// (where all else has the type's greatest value).
 ///
 /// # Errors
 ///
 /// [`Error::Io`]; [`Error::Argument`], with column and row, for a sample that the type cannot hold,
-/// for a void where an integer raster has no usable nodata value, and for a valid sample that
-/// equals the nodata value; and whatever `rows` returns.
+/// for a void where an integer raster has neither a usable nodata value nor alpha, and for a valid
+/// sample that equals the nodata value in all bands; and whatever `rows` returns.
 pub fn write_geotiff(
     path: &Path,
     info: &RasterInfo,
@@ -42,8 +47,7 @@ pub fn write_geotiff(
         _ => Path::new("."),
     };
     let mut file = create_beside(folder).map_err(Error::io(path, "cannot create"))?;
-    let row_bytes = u64::from(info.width) * info.sample_type.size() as u64;
-    let bytes = row_bytes.saturating_mul(u64::from(info.height));
+    let bytes = (row_bytes(info) as u64).saturating_mul(u64::from(info.height));
     if bytes >= BIG_TIFF_BYTES {
         write_image::<TiffKindBig>(path, file.as_file_mut(), info, rows)?;
     } else {
@@ -141,15 +145,15 @@ impl<W: Write + std::io::Seek, K: TiffKind> Image<'_, W, K> {
         let failed = |error| cannot_write(path, error);
         let encoder = SampleEncoder::new(info);
         let rows_per_strip = rows_per_strip(info);
-        let width = info.width as usize;
+        let row_length = info.row_length();
         let (mut offsets, mut counts) = (Vec::new(), Vec::new());
         let (mut samples, mut bytes, mut packed) = (Vec::new(), Vec::new(), Vec::new());
         for first in (0..info.height).step_by(rows_per_strip as usize) {
             let count = rows_per_strip.min(info.height - first) as usize;
-            samples.resize(count * width, 0.0);
+            samples.resize(count * row_length, 0.0);
             rows(first, &mut samples)?;
             bytes.clear();
-            for (row, line) in (first..).zip(samples.chunks_exact(width)) {
+            for (row, line) in (first..).zip(samples.chunks_exact(row_length)) {
                 encoder.encode(row, line, &mut bytes)?;
             }
             packed.clear();
@@ -173,6 +177,8 @@ impl<W: Write + std::io::Seek, K: TiffKind> Image<'_, W, K> {
     fn write_shape(&mut self, info: &RasterInfo) -> TiffResult {
         const ADOBE_DEFLATE: u16 = 8;
         const BLACK_IS_ZERO: u16 = 1;
+        const RED_GREEN_BLUE: u16 = 2;
+        const UNASSOCIATED_ALPHA: u16 = 2;
         let format: u16 = match info.sample_type {
             SampleType::U8 | SampleType::U16 | SampleType::U32 => 1,
             SampleType::I8 | SampleType::I16 | SampleType::I32 => 2,
@@ -181,14 +187,24 @@ impl<W: Write + std::io::Seek, K: TiffKind> Image<'_, W, K> {
         let predictor: u16 = if info.sample_type.is_integer() { 2 } else { 1 };
         self.tag(Tag::ImageWidth, info.width)?;
         self.tag(Tag::ImageLength, info.height)?;
-        self.tag(Tag::BitsPerSample, 8 * info.sample_type.size() as u16)?;
+        let bands = stored_bands(info);
+        let bits = vec![8 * info.sample_type.size() as u16; bands];
+        let colours = if info.bands == 1 {
+            BLACK_IS_ZERO
+        } else {
+            RED_GREEN_BLUE
+        };
+        self.tag(Tag::BitsPerSample, bits.as_slice())?;
         self.tag(Tag::Compression, ADOBE_DEFLATE)?;
-        self.tag(Tag::PhotometricInterpretation, BLACK_IS_ZERO)?;
-        self.tag(Tag::SamplesPerPixel, 1u16)?;
+        self.tag(Tag::PhotometricInterpretation, colours)?;
+        self.tag(Tag::SamplesPerPixel, bands as u16)?;
+        if info.alpha {
+            self.tag(Tag::ExtraSamples, UNASSOCIATED_ALPHA)?;
+        }
         self.tag(Tag::RowsPerStrip, rows_per_strip(info))?;
         self.tag(Tag::PlanarConfiguration, 1u16)?;
         self.tag(Tag::Predictor, predictor)?;
-        self.tag(Tag::SampleFormat, format)
+        self.tag(Tag::SampleFormat, vec![format; bands].as_slice())
     }
 
     /// Nodata, scale, offset and units.
@@ -253,9 +269,16 @@ impl<W: Write + std::io::Seek, K: TiffKind> Image<'_, W, K> {
     }
 }
 
+fn stored_bands(info: &RasterInfo) -> usize {
+    usize::from(info.bands) + usize::from(info.alpha)
+}
+
+fn row_bytes(info: &RasterInfo) -> usize {
+    info.width as usize * stored_bands(info) * info.sample_type.size()
+}
+
 fn rows_per_strip(info: &RasterInfo) -> u32 {
-    let row_bytes = info.width as usize * info.sample_type.size();
-    (STRIP_BYTES / row_bytes.max(1)).clamp(1, info.height.max(1) as usize) as u32
+    (STRIP_BYTES / row_bytes(info).max(1)).clamp(1, info.height.max(1) as usize) as u32
 }
 
 fn terminated(text: &str) -> Vec<u8> {
@@ -342,7 +365,9 @@ fn geo_keys(info: &RasterInfo) -> (Vec<u16>, String) {
 /// Turns rows of samples into the bytes of a strip.
 struct SampleEncoder {
     sample_type: SampleType,
-    /// What stands for a void.
+    bands: usize,
+    alpha: bool,
+    /// What stands for a void in every band.
     void: Option<f64>,
 }
 
@@ -351,54 +376,76 @@ impl SampleEncoder {
         let nodata = info
             .nodata
             .and_then(|value| stored_value(value, info.sample_type));
-        let void = nodata.or((!info.sample_type.is_integer()).then_some(f64::NAN));
         SampleEncoder {
             sample_type: info.sample_type,
-            void,
+            bands: usize::from(info.bands),
+            alpha: info.alpha,
+            void: nodata.or((!info.sample_type.is_integer()).then_some(f64::NAN)),
         }
     }
 
     /// Appends one row in native byte order; integers as differences from their left neighbours.
     fn encode(&self, row: u32, samples: &[f64], bytes: &mut Vec<u8>) -> Result<()> {
-        let mut left = 0.0;
-        for (column, &sample) in samples.iter().enumerate() {
-            let number = self.stored(sample).ok_or_else(|| {
+        let mut left = [0.0; MOST_BANDS];
+        for (column, sample) in samples.chunks_exact(self.bands).enumerate() {
+            let mut stored = [0.0; MOST_BANDS];
+            self.store(sample, &mut stored).ok_or_else(|| {
                 let cause = self.refusal(sample);
                 Error::Argument(format!("the sample at column {column}, row {row} {cause}"))
             })?;
-            let difference = (number - left) as i64;
-            match self.sample_type {
-                SampleType::U8 | SampleType::I8 => bytes.push(difference as u8),
-                SampleType::U16 | SampleType::I16 => {
-                    bytes.extend_from_slice(&(difference as u16).to_ne_bytes());
+            let bands = self.bands + usize::from(self.alpha);
+            for (&number, left) in stored.iter().zip(&left).take(bands) {
+                let difference = (number - left) as i64;
+                match self.sample_type {
+                    SampleType::U8 | SampleType::I8 => bytes.push(difference as u8),
+                    SampleType::U16 | SampleType::I16 => {
+                        bytes.extend_from_slice(&(difference as u16).to_ne_bytes());
+                    }
+                    SampleType::U32 | SampleType::I32 => {
+                        bytes.extend_from_slice(&(difference as u32).to_ne_bytes());
+                    }
+                    SampleType::F32 => bytes.extend_from_slice(&(number as f32).to_ne_bytes()),
+                    SampleType::F64 => bytes.extend_from_slice(&number.to_ne_bytes()),
                 }
-                SampleType::U32 | SampleType::I32 => {
-                    bytes.extend_from_slice(&(difference as u32).to_ne_bytes());
-                }
-                SampleType::F32 => bytes.extend_from_slice(&(number as f32).to_ne_bytes()),
-                SampleType::F64 => bytes.extend_from_slice(&number.to_ne_bytes()),
             }
-            left = number;
+            left = stored;
         }
         Ok(())
     }
 
-    /// The number to store, exact in the sample type, if the sample has one.
-    fn stored(&self, sample: f64) -> Option<f64> {
-        if sample.is_nan() {
-            return self.void;
+    /// The numbers to store, exact in the sample type, if the sample has them.
+    fn store(&self, sample: &[f64], stored: &mut [f64; MOST_BANDS]) -> Option<()> {
+        let (bands, alpha) = stored.split_at_mut_checked(self.bands)?;
+        if sample.iter().any(|number| number.is_nan()) {
+            bands.fill(self.void.or(self.alpha.then_some(0.0))?);
+            return Some(());
         }
-        stored_value(sample, self.sample_type).filter(|&number| Some(number) != self.void)
+        for (band, &number) in bands.iter_mut().zip(sample) {
+            *band = stored_value(number, self.sample_type)?;
+        }
+        if bands.iter().all(|&number| Some(number) == self.void) {
+            return None;
+        }
+        if let (true, Some(alpha)) = (self.alpha, alpha.first_mut()) {
+            *alpha = self.sample_type.greatest();
+        }
+        Some(())
     }
 
-    fn refusal(&self, sample: f64) -> String {
-        if sample.is_nan() {
+    fn refusal(&self, sample: &[f64]) -> String {
+        if sample.iter().any(|number| number.is_nan()) {
             return "is void, but there is no nodata value that the type can hold".to_string();
         }
-        if stored_value(sample, self.sample_type).is_some() {
-            return format!("is valid, but equals the nodata value {sample}");
+        let beyond = |number: &&f64| stored_value(**number, self.sample_type).is_none();
+        match (sample.iter().find(beyond), self.void) {
+            (Some(number), _) => {
+                format!("is {number}, which {} cannot hold", self.sample_type.name())
+            }
+            (None, void) => format!(
+                "is valid, but equals the nodata value {}",
+                void.unwrap_or(f64::NAN)
+            ),
         }
-        format!("is {sample}, which {} cannot hold", self.sample_type.name())
     }
 }
 

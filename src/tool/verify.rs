@@ -77,6 +77,12 @@ pub fn verify(
 
 fn check_shape(terrain: &Terrain, source: &dyn RasterSource) -> Result<()> {
     let (stored, given) = (&terrain.header().raster, source.info());
+    if stored.bands != given.bands {
+        return Err(Error::Argument(format!(
+            "its samples have {} bands, those of the input to compare with {}",
+            stored.bands, given.bands
+        )));
+    }
     if (stored.width, stored.height) == (given.width, given.height) {
         return Ok(());
     }

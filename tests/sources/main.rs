@@ -3,9 +3,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod bad_input;
+mod colour;
 mod geotiff;
 mod mosaic;
 mod rasters;
+mod resample;
 
 use kimberlite::build::source::{RowSource, SourceOptions, open, parse_raw_shape};
 use kimberlite::geo::{RasterInfo, Registration, SampleType};
@@ -66,7 +68,7 @@ proptest! {
     ) {
         let (_folder, path) = in_folder("a.PNG", &png(&raster));
         let options = SourceOptions {
-            spacing: Some(spacing), scale: Some(0.1), nodata: raster.info.nodata, raw: None,
+            spacing: Some(spacing), scale: Some(0.1), nodata: raster.info.nodata, ..defaults()
         };
         let read = read_file(&path, &options).unwrap();
         let top = spacing * f64::from(raster.info.height - 1);

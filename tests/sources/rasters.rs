@@ -34,7 +34,7 @@ impl Raster {
     }
 
     pub fn copy_rows(&self, first: u32, rows: &mut [f64]) -> kimberlite::Result<()> {
-        let start = first as usize * self.width();
+        let start = first as usize * self.info.row_length();
         rows.copy_from_slice(&self.samples[start..start + rows.len()]);
         Ok(())
     }
@@ -127,10 +127,10 @@ pub fn georeferenced(mut info: RasterInfo, registration: Registration) -> Raster
 
 /// All rows of a source, in bands of several rows.
 pub fn read_all(source: &mut dyn RasterSource) -> kimberlite::Result<Vec<f64>> {
-    let (width, height) = (source.info().width as usize, source.info().height as usize);
-    let mut samples = vec![0.0; width * height];
+    let (row_length, height) = (source.info().row_length(), source.info().height as usize);
+    let mut samples = vec![0.0; row_length * height];
     samples
-        .chunks_mut(3 * width)
+        .chunks_mut(3 * row_length)
         .try_for_each(|band| source.read_rows(band))?;
     Ok(samples)
 }
@@ -202,32 +202,47 @@ pub fn ascii_grid(raster: &Raster, header: &str) -> String {
 
 /// An uncompressed TIFF without georeference, in strips of `rows` rows or square tiles of side `tile`.
 pub fn plain_tiff(raster: &Raster, big: bool, rows: usize, tile: Option<usize>) -> Vec<u8> {
-    let kind = raster.info.sample_type;
-    let (width, height) = (raster.width(), raster.info.height as usize);
     let stored: Vec<f64> = raster.stored().collect();
+    banded_tiff(&raster.info, &stored, 1, false, big, rows, tile)
+}
+
+/// The same of any number of bands, `[(row * width + column) * bands + band]`, interleaved or by plane.
+pub fn banded_tiff(
+    info: &RasterInfo,
+    stored: &[f64],
+    bands: usize,
+    planar: bool,
+    big: bool,
+    rows: usize,
+    tile: Option<usize>,
+) -> Vec<u8> {
+    let kind = info.sample_type;
+    let (width, height) = (info.width as usize, info.height as usize);
     let (chunk_width, chunk_height) = tile.map_or((width, rows), |side| (side, side));
     let mut body = vec![0u8; 8];
     let (mut offsets, mut counts) = (Vec::new(), Vec::new());
-    for top in (0..height).step_by(chunk_height) {
-        for left in (0..width).step_by(chunk_width) {
-            offsets.push(body.len() as u32);
-            let bottom = if tile.is_some() {
-                top + chunk_height
-            } else {
-                height.min(top + rows)
-            };
-            for row in top..bottom {
-                for column in left..left + chunk_width {
-                    let inside = row < height && column < width;
-                    let sample = if inside {
-                        stored[row * width + column]
-                    } else {
-                        7.0
-                    };
-                    body.extend(sample_bytes(kind, sample, big));
+    for plane in 0..if planar { bands } else { 1 } {
+        for top in (0..height).step_by(chunk_height) {
+            for left in (0..width).step_by(chunk_width) {
+                offsets.push(body.len() as u32);
+                let bottom = if tile.is_some() {
+                    top + chunk_height
+                } else {
+                    height.min(top + rows)
+                };
+                for row in top..bottom {
+                    for column in left..left + chunk_width {
+                        let inside = row < height && column < width;
+                        let which = if planar { plane..plane + 1 } else { 0..bands };
+                        for band in which {
+                            let index = (row * width + column) * bands + band;
+                            let sample = if inside { stored[index] } else { 7.0 };
+                            body.extend(sample_bytes(kind, sample, big));
+                        }
+                    }
                 }
+                counts.push(body.len() as u32 - offsets[offsets.len() - 1]);
             }
-            counts.push(body.len() as u32 - offsets[offsets.len() - 1]);
         }
     }
     let format = match kind {
@@ -239,12 +254,16 @@ pub fn plain_tiff(raster: &Raster, big: bool, rows: usize, tile: Option<usize>) 
     let mut tags = vec![
         (256, one(width)),
         (257, one(height)),
-        (258, one(8 * kind.size())),
+        (258, vec![8 * kind.size() as u32; bands]),
         (259, one(1)),
-        (262, one(1)),
-        (277, one(1)),
-        (339, one(format)),
+        (262, one(if bands == 1 { 1 } else { 2 })),
+        (277, one(bands)),
+        (284, one(if planar { 2 } else { 1 })),
+        (339, vec![format; bands]),
     ];
+    if bands == 4 {
+        tags.push((338, one(2)));
+    }
     match tile {
         Some(side) => {
             tags.extend([
@@ -259,6 +278,9 @@ pub fn plain_tiff(raster: &Raster, big: bool, rows: usize, tile: Option<usize>) 
     tags.sort_by_key(|(tag, _)| *tag);
     finish_tiff(body, &tags, big)
 }
+
+/// The tags here that the reader takes as 16 bits only: planar configuration and extra samples.
+const SHORT_TAGS: [u16; 2] = [284, 338];
 
 /// Appends a directory of 32-bit values to a TIFF's body and fills in its header.
 fn finish_tiff(mut body: Vec<u8>, tags: &[(u16, Vec<u32>)], big: bool) -> Vec<u8> {
@@ -279,6 +301,13 @@ fn finish_tiff(mut body: Vec<u8>, tags: &[(u16, Vec<u32>)], big: bool) -> Vec<u8
     let mut directory = short(tags.len() as u16).to_vec();
     for (tag, values) in tags {
         directory.extend(short(*tag));
+        if let (true, [value]) = (SHORT_TAGS.contains(tag), values.as_slice()) {
+            directory.extend(short(3));
+            directory.extend(long(1));
+            directory.extend(short(*value as u16));
+            directory.extend(short(0));
+            continue;
+        }
         directory.extend(short(4));
         directory.extend(long(values.len() as u32));
         match values.as_slice() {

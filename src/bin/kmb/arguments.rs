@@ -144,6 +144,9 @@ pub struct Source {
     /// Distance between samples, where the input has no georeference
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     spacing: Option<f64>,
+    /// Two corners of the whole raster, outer edge to outer edge, where the input has no georeference
+    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"], allow_negative_numbers = true)]
+    bounds: Option<Vec<f64>>,
     /// Physical height of one unit of the samples
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     scale: Option<f64>,
@@ -157,8 +160,14 @@ pub struct Source {
 
 impl Source {
     pub fn options(&self) -> SourceOptions {
+        let bounds = match self.bounds.as_deref() {
+            Some(&[x0, y0, x1, y1]) => Some([x0, y0, x1, y1]),
+            _ => None,
+        };
         SourceOptions {
+            colour: false,
             spacing: self.spacing,
+            bounds,
             scale: self.scale,
             nodata: self.nodata,
             raw: self.raw,

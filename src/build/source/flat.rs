@@ -12,7 +12,8 @@ use crate::{Error, Result};
 /// Where the samples lie in a file, and how they are stored.
 pub(super) struct Layout {
     pub(super) skip: u64,
-    pub(super) width: u32,
+    /// Samples a row, those of all bands.
+    pub(super) row_length: usize,
     pub(super) height: u32,
     pub(super) sample_type: SampleType,
     pub(super) order: ByteOrder,
@@ -20,7 +21,7 @@ pub(super) struct Layout {
 
 impl Layout {
     fn row_bytes(&self) -> u64 {
-        u64::from(self.width) * self.sample_type.size() as u64
+        self.row_length as u64 * self.sample_type.size() as u64
     }
 
     /// Length of a file that ends with the last row; saturates where no file can be that long.
@@ -119,7 +120,7 @@ pub(super) fn open_raw(path: &Path, options: &SourceOptions) -> Result<Box<dyn R
     let info = options.complete(path, RasterInfo::new(width, height, sample_type))?;
     let layout = Layout {
         skip: 0,
-        width,
+        row_length: width as usize,
         height,
         sample_type,
         order: ByteOrder::Little,

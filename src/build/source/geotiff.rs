@@ -1,4 +1,4 @@
-//! GeoTIFF, one band of strips or tiles at a time.
+//! GeoTIFF, one strip, or one row of tiles, at a time.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
@@ -9,7 +9,7 @@ use tiff::tags::{ByteOrder as TiffByteOrder, Tag, Type, ValueBuffer};
 
 use super::flat::{FlatRows, Layout};
 use super::geokeys::{self, GeoKeys};
-use super::samples::{ByteOrder, FileSource, RowReader, decode};
+use super::samples::{ByteOrder, FileSource, RowReader, decode, not_colours, without_alpha};
 use super::{RasterSource, SourceOptions};
 use crate::geo::{RasterInfo, SampleType};
 use crate::log::{LogLevel, log};
@@ -32,12 +32,21 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn Raste
         path,
         tiff: &mut tiff,
     };
-    let sample_type = tags.sample_type()?;
-    let info = options.complete(path, tags.info(sample_type)?)?;
+    let alpha = if options.colour {
+        tags.check_colours()?
+    } else {
+        tags.check_heights()?;
+        false
+    };
+    let mut info = tags.info()?;
+    info.bands = if options.colour { 3 } else { 1 };
+    info.alpha = alpha;
+    let info = options.complete(path, info)?;
     match tags.flat_layout(&info)? {
         Some(layout) => Ok(FileSource::boxed(path, info, FlatRows::open(path, layout)?)),
         None => {
-            let rows = ChunkRows::new(path, tiff, &info);
+            let planar = tags.planar()?;
+            let rows = ChunkRows::new(path, tiff, &info, planar);
             Ok(FileSource::boxed(path, info, rows))
         }
     }
@@ -124,19 +133,52 @@ impl Tags<'_> {
         Ok(self.integers(tag)?.first().copied().unwrap_or(default))
     }
 
-    /// The type of the one band's samples.
-    fn sample_type(&mut self) -> Result<SampleType> {
+    /// Refuses what is no image of red, green and blue; returns whether it has an alpha band.
+    fn check_colours(&mut self) -> Result<bool> {
+        let refuse = |cause: String| Err(Error::input(self.path, cause));
+        let bands = self.integer(Tag::SamplesPerPixel, 1)?;
+        let alpha = match (bands, self.integers(Tag::ExtraSamples)?.as_slice()) {
+            (3, []) => false,
+            (4, [1 | 2]) => true,
+            (4, _) => return refuse("4 bands, of which none is said to be alpha".to_string()),
+            _ => return refuse(not_colours(bands)),
+        };
+        match self.integer(Tag::PhotometricInterpretation, 2)? {
+            2 => {}
+            6 => return refuse("YCbCr inside TIFF, which is not supported".to_string()),
+            other => {
+                return refuse(format!(
+                    "photometric interpretation {other}, not red, green and blue"
+                ));
+            }
+        }
+        match self.sample_type()? {
+            SampleType::U8 | SampleType::U16 => Ok(alpha),
+            other => refuse(format!("{} samples; colours are u8 or u16", other.name())),
+        }
+    }
+
+    /// Refuses what is no image of one grey band.
+    fn check_heights(&mut self) -> Result<()> {
         let refuse = |cause: String| Err(Error::input(self.path, cause));
         let bands = self.integer(Tag::SamplesPerPixel, 1)?;
         if bands != 1 {
             return refuse(format!("{bands} bands; heights have one"));
         }
         match self.integer(Tag::PhotometricInterpretation, 1)? {
-            1 => {}
-            0 => return refuse("grey from white to black, which is not supported".to_string()),
-            3 => return refuse("a palette image; heights are grey".to_string()),
-            other => return refuse(format!("photometric interpretation {other}, not grey")),
+            1 => Ok(()),
+            0 => refuse("grey from white to black, which is not supported".to_string()),
+            3 => refuse("a palette image; heights are grey".to_string()),
+            other => refuse(format!("photometric interpretation {other}, not grey")),
         }
+    }
+
+    fn planar(&mut self) -> Result<bool> {
+        Ok(self.integer(Tag::PlanarConfiguration, 1)? == 2)
+    }
+
+    fn sample_type(&mut self) -> Result<SampleType> {
+        let refuse = |cause: String| Err(Error::input(self.path, cause));
         let bits = self.integer(Tag::BitsPerSample, 1)?;
         let format = self.integer(Tag::SampleFormat, 1)?;
         Ok(match (format, bits) {
@@ -156,7 +198,9 @@ impl Tags<'_> {
         })
     }
 
-    fn info(&mut self, sample_type: SampleType) -> Result<RasterInfo> {
+    /// All but the bands.
+    fn info(&mut self) -> Result<RasterInfo> {
+        let sample_type = self.sample_type()?;
         let (width, height) = self
             .tiff
             .dimensions()
@@ -247,12 +291,14 @@ impl Tags<'_> {
         if self.integer(Tag::Compression, 1)? != 1
             || self.integer(Tag::Predictor, 1)? != 1
             || self.tiff.get_chunk_type() != ChunkType::Strip
+            || info.alpha
+            || info.bands > 1 && self.planar()?
         {
             return Ok(None);
         }
         let strip_rows = u64::from(self.tiff.chunk_dimensions().1);
-        let strip_bytes =
-            u128::from(strip_rows) * u128::from(info.width) * info.sample_type.size() as u128;
+        let row_bytes = info.row_length() as u128 * info.sample_type.size() as u128;
+        let strip_bytes = u128::from(strip_rows) * row_bytes;
         let offsets = self.integers(Tag::StripOffsets)?;
         let contiguous = offsets
             .iter()
@@ -263,7 +309,7 @@ impl Tags<'_> {
         };
         Ok(Some(Layout {
             skip,
-            width: info.width,
+            row_length: info.row_length(),
             height: info.height,
             sample_type: info.sample_type,
             order: match self.tiff.byte_order() {
@@ -291,7 +337,7 @@ fn gdal_item(xml: &str, role: &str) -> Option<String> {
     )
 }
 
-/// Reads strips, or rows of tiles, as they are needed; holds one band of them.
+/// Reads strips, or rows of tiles, as they are needed; holds one of them.
 struct ChunkRows {
     path: PathBuf,
     tiff: TiffDecoder,
@@ -300,16 +346,28 @@ struct ChunkRows {
     height: u32,
     chunk_width: u32,
     chunk_height: u32,
-    /// The chunks of one band from left to right, in native byte order, without padding.
-    band: Vec<Vec<u8>>,
-    band_index: Option<u32>,
+    /// Bands as the file has them: those of a sample, and alpha.
+    stored_bands: usize,
+    alpha: bool,
+    /// Whether each band has chunks of its own.
+    planar: bool,
+    /// The chunks of one row of chunks, from left to right, in native byte order, without padding; where
+    /// `planar`, one such row for each band.
+    chunks: Vec<Vec<u8>>,
+    chunk_row: Option<u32>,
+    /// One row of one chunk.
+    line: Vec<f64>,
+    /// One row with its alpha, `[column * stored_bands + band]`; grows when the first row is read.
+    stored: Vec<f64>,
 }
 
 impl ChunkRows {
-    fn new(path: &Path, tiff: TiffDecoder, info: &RasterInfo) -> ChunkRows {
+    fn new(path: &Path, tiff: TiffDecoder, info: &RasterInfo, planar: bool) -> ChunkRows {
         let (chunk_width, chunk_height) = tiff.chunk_dimensions();
         let chunk_height = chunk_height.min(info.height);
         let across = info.width.div_ceil(chunk_width) as usize;
+        let stored_bands = usize::from(info.bands) + usize::from(info.alpha);
+        let planes = if planar { stored_bands } else { 1 };
         ChunkRows {
             path: path.to_path_buf(),
             tiff,
@@ -318,13 +376,18 @@ impl ChunkRows {
             height: info.height,
             chunk_width,
             chunk_height,
-            band: vec![Vec::new(); across],
-            band_index: None,
+            stored_bands,
+            alpha: info.alpha,
+            planar,
+            chunks: vec![Vec::new(); across * planes],
+            chunk_row: None,
+            line: Vec::new(),
+            stored: Vec::new(),
         }
     }
 
-    fn load(&mut self, band_index: u32) -> Result<()> {
-        let first = band_index * self.chunk_height;
+    fn load(&mut self, chunk_row: u32) -> Result<()> {
+        let first = chunk_row * self.chunk_height;
         let last = first.saturating_add(self.chunk_height).min(self.height) - 1;
         let refuse = |cause: String| {
             Error::input(
@@ -332,9 +395,11 @@ impl ChunkRows {
                 format!("cannot read rows {first} to {last}: {cause}"),
             )
         };
-        let across = self.band.len() as u32;
-        for (column, bytes) in (0..across).zip(&mut self.band) {
-            let chunk = band_index * across + column;
+        let across = self.width.div_ceil(self.chunk_width);
+        let down = self.height.div_ceil(self.chunk_height);
+        for (index, bytes) in (0u32..).zip(&mut self.chunks) {
+            let (plane, column) = (index / across, index % across);
+            let chunk = (plane * down + chunk_row) * across + column;
             let layout = self
                 .tiff
                 .image_chunk_buffer_layout(chunk)
@@ -350,36 +415,59 @@ impl ChunkRows {
                 .read_chunk_bytes(chunk, bytes)
                 .map_err(|error| refuse(error.to_string()))?;
         }
-        self.band_index = Some(band_index);
+        self.chunk_row = Some(chunk_row);
         Ok(())
+    }
+
+    /// Puts one row of all stored bands together from its chunks.
+    fn gather(&mut self, row_in_chunk: usize, stored: &mut [f64]) -> Option<()> {
+        let across = self.width.div_ceil(self.chunk_width) as usize;
+        let chunk_bands = if self.planar { 1 } else { self.stored_bands };
+        for (index, bytes) in self.chunks.iter().enumerate() {
+            let (plane, column) = (index / across, index % across);
+            let first = column * self.chunk_width as usize;
+            let columns = (self.width as usize - first).min(self.chunk_width as usize);
+            let length = columns * chunk_bands;
+            let row_bytes = length * self.sample_type.size();
+            let bytes = bytes.get(row_in_chunk * row_bytes..(row_in_chunk + 1) * row_bytes)?;
+            self.line.resize(length, 0.0);
+            decode(self.sample_type, ByteOrder::NATIVE, bytes, &mut self.line);
+            let target = stored.get_mut(first * self.stored_bands..)?;
+            if chunk_bands == self.stored_bands {
+                target.get_mut(..length)?.copy_from_slice(&self.line);
+            } else {
+                let target = target.iter_mut().skip(plane).step_by(self.stored_bands);
+                for (target, &number) in target.zip(&self.line) {
+                    *target = number;
+                }
+            }
+        }
+        Some(())
     }
 }
 
 impl RowReader for ChunkRows {
     fn read_row(&mut self, row: u32, samples: &mut [f64]) -> Result<()> {
-        let band_index = row / self.chunk_height;
-        if self.band_index != Some(band_index) {
-            self.load(band_index)?;
+        let chunk_row = row / self.chunk_height;
+        if self.chunk_row != Some(chunk_row) {
+            self.load(chunk_row)?;
         }
-        let row_in_band = (row % self.chunk_height) as usize;
-        let mut left = self.width;
-        for (samples, bytes) in samples
-            .chunks_mut(self.chunk_width as usize)
-            .zip(&self.band)
-        {
-            let columns = left.min(self.chunk_width) as usize;
-            left -= columns as u32;
-            let row_bytes = columns * self.sample_type.size();
-            let line = bytes
-                .get(row_in_band * row_bytes..(row_in_band + 1) * row_bytes)
-                .ok_or_else(|| {
-                    Error::input(
-                        &self.path,
-                        format!("cannot read row {row}: chunk too short"),
-                    )
-                })?;
-            decode(self.sample_type, ByteOrder::NATIVE, line, samples);
+        let row_in_chunk = (row % self.chunk_height) as usize;
+        let short = "chunk too short";
+        let refuse = |path: &Path, cause: &str| {
+            Error::input(path, format!("cannot read row {row}: {cause}"))
+        };
+        if !self.alpha {
+            let gathered = self.gather(row_in_chunk, samples);
+            return gathered.ok_or_else(|| refuse(&self.path, short));
         }
+        let mut stored = std::mem::take(&mut self.stored);
+        stored.resize(self.width as usize * self.stored_bands, 0.0);
+        self.gather(row_in_chunk, &mut stored)
+            .ok_or_else(|| refuse(&self.path, short))?;
+        without_alpha(&stored, self.sample_type.greatest(), samples)
+            .map_err(|cause| refuse(&self.path, &cause))?;
+        self.stored = stored;
         Ok(())
     }
 }

@@ -208,7 +208,7 @@ impl Header {
             info,
             Layout {
                 skip,
-                width,
+                row_length: width as usize,
                 height,
                 sample_type,
                 order,
@@ -247,7 +247,7 @@ impl Header {
             info,
             Layout {
                 skip,
-                width,
+                row_length: width as usize,
                 height,
                 sample_type,
                 order,

@@ -48,7 +48,7 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Box<dyn Raste
     let info = options.complete(path, info)?;
     let layout = Layout {
         skip: 0,
-        width: side,
+        row_length: side as usize,
         height: side,
         sample_type: SampleType::I16,
         order: ByteOrder::Big,

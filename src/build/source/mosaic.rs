@@ -14,12 +14,13 @@ struct Part {
     path: PathBuf,
     /// Dropped after its last row.
     source: Option<Box<dyn RasterSource>>,
-    width: usize,
+    /// Numbers a row.
+    row_length: usize,
     height: u32,
     /// Position of its upper left sample in the mosaic.
     column: usize,
     row: u32,
-    /// The mosaic's nodata value, where this input has another or none: no sample may have it.
+    /// The mosaic's nodata value, where this input has another or none: no sample may be that in all bands.
     forbidden: Option<f64>,
 }
 
@@ -65,7 +66,7 @@ impl Mosaic {
             .zip(&positions)
             .map(|((path, source), at)| Part {
                 path,
-                width: source.info().width as usize,
+                row_length: source.info().row_length(),
                 height: source.info().height,
                 column: (at[0] - left) as usize,
                 row: (at[1] - top) as u32,
@@ -83,6 +84,7 @@ impl Mosaic {
 
     fn read_row(&mut self, samples: &mut [f64]) -> Result<()> {
         samples.fill(f64::NAN);
+        let bands = usize::from(self.info.bands).max(1);
         for part in &mut self.parts {
             let Some(row) = self.next_row.checked_sub(part.row) else {
                 continue;
@@ -90,24 +92,27 @@ impl Mosaic {
             let Some(source) = &mut part.source else {
                 continue;
             };
-            self.line.resize(part.width, 0.0);
+            self.line.resize(part.row_length, 0.0);
             source.read_rows(&mut self.line)?;
             if row + 1 == part.height {
                 part.source = None;
             }
-            let target = samples.iter_mut().skip(part.column);
-            for (column, (sample, &value)) in target.zip(&self.line).enumerate() {
-                if Some(value) == part.forbidden {
+            let target = samples.chunks_exact_mut(bands).skip(part.column);
+            let given = self.line.chunks_exact(bands);
+            for (column, (sample, value)) in target.zip(given).enumerate() {
+                if let Some(forbidden) = part.forbidden
+                    && value.iter().all(|&number| number == forbidden)
+                {
                     return Err(Error::input(
                         &part.path,
                         format!(
-                            "the sample at column {column}, row {row} is {value}, \
+                            "the sample at column {column}, row {row} is {forbidden}, \
                              which is the nodata value of another input"
                         ),
                     ));
                 }
-                if !value.is_nan() {
-                    *sample = value;
+                if !value.iter().any(|number| number.is_nan()) {
+                    sample.copy_from_slice(value);
                 }
             }
         }
@@ -123,9 +128,8 @@ impl RasterSource for Mosaic {
 
     fn read_rows(&mut self, samples: &mut [f64]) -> Result<()> {
         rows_asked(&self.info, self.next_row, samples)?;
-        let width = self.info.width.max(1) as usize;
         samples
-            .chunks_exact_mut(width)
+            .chunks_exact_mut(self.info.row_length())
             .try_for_each(|row| self.read_row(row))
     }
 }
@@ -142,6 +146,12 @@ fn position(first: &RasterInfo, other: &RasterInfo) -> std::result::Result<[i64;
     if other.sample_type != first.sample_type {
         let names = (other.sample_type.name(), first.sample_type.name());
         return Err(format!("its samples are {} and not {}", names.0, names.1));
+    }
+    if other.bands != first.bands {
+        return Err(format!(
+            "it has {} bands and not {}",
+            other.bands, first.bands
+        ));
     }
     if (other.value_scale, other.value_offset, &other.units)
         != (first.value_scale, first.value_offset, &first.units)
@@ -223,5 +233,6 @@ fn union(
     info.geotransform[0] = g[0] + c * g[1] + r * g[2];
     info.geotransform[3] = g[3] + c * g[4] + r * g[5];
     info.nodata = nodata;
+    info.alpha = placed().any(|(info, _)| info.alpha);
     Some(info)
 }

@@ -66,25 +66,60 @@ pub(crate) fn stored_value(value: f64, sample_type: SampleType) -> Option<f64> {
     (value.fract() == 0.0 && (low..=high).contains(&value)).then_some(value)
 }
 
+/// Copies red, green and blue of the pixels of one row; a pixel with alpha 0 becomes a void.
+///
+/// # Errors
+///
+/// The column of a pixel whose alpha is neither 0 nor `opaque`, and what to say of it.
+pub(super) fn without_alpha(
+    stored: &[f64],
+    opaque: f64,
+    samples: &mut [f64],
+) -> std::result::Result<(), String> {
+    let (stored, _) = stored.as_chunks::<4>();
+    let (samples, _) = samples.as_chunks_mut::<3>();
+    for (column, (pixel, &[red, green, blue, alpha])) in samples.iter_mut().zip(stored).enumerate()
+    {
+        *pixel = match alpha {
+            0.0 => [f64::NAN; 3],
+            _ if alpha == opaque => [red, green, blue],
+            _ => {
+                return Err(format!(
+                    "the pixel at column {column} is half transparent (alpha {alpha}); \
+                     alpha must be 0, a void, or {opaque}"
+                ));
+            }
+        };
+    }
+    Ok(())
+}
+
+/// What is said of an image with this number of bands that should be one of colours.
+pub(super) fn not_colours(bands: u64) -> String {
+    let plural = if bands == 1 { "" } else { "s" };
+    format!("{bands} band{plural}; colours have three: red, green and blue")
+}
+
 /// How many rows `samples` asks for.
 ///
 /// # Errors
 ///
 /// [`Error::Argument`] where that is no whole number, or more than are left.
 pub(super) fn rows_asked(info: &RasterInfo, next_row: u32, samples: &[f64]) -> Result<u32> {
-    let width = info.width as usize;
+    let row_length = info.row_length();
     let left = (info.height - next_row) as usize;
-    let rows = samples.len().checked_div(width).unwrap_or(0);
-    if samples.len() != rows * width || rows > left {
+    let rows = samples.len().checked_div(row_length).unwrap_or(0);
+    if samples.len() != rows * row_length || rows > left {
         return Err(Error::Argument(format!(
-            "{} samples asked of a raster that is {width} wide and has {left} rows left",
+            "{} numbers asked of a raster that has {row_length} a row and {left} rows left",
             samples.len()
         )));
     }
     Ok(rows as u32)
 }
 
-/// Makes voids of stored samples that equal the nodata value, and refuses infinite ones.
+/// Makes voids of stored samples that equal the nodata value in all bands or are NaN in any, and refuses
+/// infinite ones.
 pub(super) fn mark_voids(
     path: &Path,
     info: &RasterInfo,
@@ -94,10 +129,12 @@ pub(super) fn mark_voids(
     let nodata = info
         .nodata
         .and_then(|value| stored_value(value, info.sample_type));
-    for (index, sample) in samples.iter_mut().enumerate() {
-        if Some(*sample) == nodata {
-            *sample = f64::NAN;
-        } else if sample.is_infinite() {
+    let bands = usize::from(info.bands).max(1);
+    for (index, sample) in samples.chunks_exact_mut(bands).enumerate() {
+        let is_nodata = sample.iter().all(|&number| Some(number) == nodata);
+        if is_nodata || sample.iter().any(|number| number.is_nan()) {
+            sample.fill(f64::NAN);
+        } else if sample.iter().any(|number| number.is_infinite()) {
             let width = info.width as usize;
             let (column, row) = (index % width, first_row as usize + index / width);
             return Err(Error::input(
@@ -111,7 +148,7 @@ pub(super) fn mark_voids(
 
 /// A format's own part: one row of samples as they are stored.
 pub(super) trait RowReader: Send {
-    /// Fills `samples` with row number `row`; rows are asked for from 0 upwards, each once.
+    /// Fills `samples`, width x bands, with row number `row`; rows are asked for from 0 upwards, each once.
     fn read_row(&mut self, row: u32, samples: &mut [f64]) -> Result<()>;
 }
 
@@ -141,7 +178,7 @@ impl<R: RowReader> RasterSource for FileSource<R> {
 
     fn read_rows(&mut self, samples: &mut [f64]) -> Result<()> {
         rows_asked(&self.info, self.next_row, samples)?;
-        for row in samples.chunks_exact_mut(self.info.width as usize) {
+        for row in samples.chunks_exact_mut(self.info.row_length()) {
             self.reader.read_row(self.next_row, row)?;
             mark_voids(&self.path, &self.info, self.next_row, row)?;
             self.next_row += 1;
