@@ -3,7 +3,7 @@
 use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
 use crate::entropy::frequency::{Decisions, Frequencies, TableModel};
 use crate::entropy::rans::Tables;
-use crate::transform::adaptive::{CLASSES, CONTEXTS, Weights};
+use crate::transform::adaptive::{CLASSES, CONTEXTS, FEATURES, Weights};
 use crate::transform::{LONGEST_LIST, ListedHeights};
 use std::sync::OnceLock;
 
@@ -230,24 +230,27 @@ impl Numbers {
         known: &Weights,
     ) -> Weights {
         let mut weights = known.clone();
-        for feature in 0..if adaptive {
-            weights.prediction.len()
-        } else {
-            0
-        } {
+        for feature in 0..if adaptive { FEATURES } else { 0 } {
+            let (pair, side) = (feature / 2, feature % 2);
             for class in 0..CLASSES {
                 let near = match class {
-                    0 => known.prediction[feature][0],
-                    _ => weights.prediction[feature][class - 1],
+                    0 => known.prediction[pair][0][side],
+                    _ => weights.prediction[pair][class - 1][side],
                 };
-                let difference = told.prediction[feature][class].wrapping_sub(near);
+                let difference = told.prediction[pair][class][side].wrapping_sub(near);
                 let passed = self.weight.pass(coder, i32::from(difference));
-                weights.prediction[feature][class] = near.wrapping_add(passed as i16);
+                weights.prediction[pair][class][side] = near.wrapping_add(passed as i16);
             }
         }
-        for (own, told) in weights.activity.iter_mut().zip(told.activity) {
-            *own = own
-                .wrapping_add(self.weight.pass(coder, i32::from(told.wrapping_sub(*own))) as i16);
+        let told_activity = told.activity.as_flattened();
+        for (own, &told) in weights
+            .activity
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(told_activity)
+        {
+            let passed = self.weight.pass(coder, i32::from(told.wrapping_sub(*own)));
+            *own = own.wrapping_add(passed as i16);
         }
         let difference = told.first_context.wrapping_sub(known.first_context);
         let passed = self.bits.pass(coder, difference);

@@ -173,7 +173,7 @@ impl SymbolCoder {
                     trainer.see(fit, &sight, activity, misses, step);
                 }
             }
-            surroundings.complete(&row, &outlook);
+            surroundings.complete(&row);
         }
     }
 
@@ -304,7 +304,7 @@ impl SymbolCoder {
         for (index, row) in centres.chunks_exact_mut(self.cells).enumerate() {
             surroundings.foresee(weights, &mut outlook);
             visit(index, &mut outlook, row);
-            surroundings.complete(row, &outlook);
+            surroundings.complete(row);
         }
     }
 

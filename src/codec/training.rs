@@ -176,14 +176,22 @@ impl Trainer {
                 equations.solve(&general, 1e-5 + 0.1 * few)
             };
             let unit = f64::from(1u32 << WEIGHT_BITS);
-            for (weights, own) in self.weights.prediction.iter_mut().zip(own) {
-                weights[class] = (own * unit).round().clamp(-GREATEST, GREATEST) as i16;
+            for (feature, own) in own.into_iter().enumerate() {
+                self.weights.prediction[feature / 2][class][feature % 2] =
+                    (own * unit).round().clamp(-GREATEST, GREATEST) as i16;
             }
         }
         if self.round + 2 < ROUNDS {
             let activity = fit.activity.solve(&[0.0; ACTIVITIES], 1e-5);
-            self.weights.activity = activity
-                .map(|part| (part * ACTIVITY_UNIT).round().clamp(-GREATEST, GREATEST) as i16);
+            for (own, part) in self
+                .weights
+                .activity
+                .as_flattened_mut()
+                .iter_mut()
+                .zip(activity)
+            {
+                *own = (part * ACTIVITY_UNIT).round().clamp(-GREATEST, GREATEST) as i16;
+            }
         } else if self.round + 2 == ROUNDS {
             self.weights.first_context = first_context(&fit.quarters);
         }

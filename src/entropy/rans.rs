@@ -196,18 +196,14 @@ impl<'a> Decoder<'a> {
         self.decoded += contexts.len();
         if greatest >= i32::from(token::FIRST_RAW) {
             for coefficient in &mut coefficients[..contexts.len()] {
-                *coefficient = self
-                    .raw
-                    .join(*coefficient as u8, &self.bytes[..self.length]);
-            }
-        } else {
-            for coefficient in &mut coefficients[..contexts.len()] {
-                *coefficient = token::small(*coefficient as u8);
+                let symbol = (*coefficient << 1) ^ (*coefficient >> 31);
+                *coefficient = self.raw.join(symbol as u8, &self.bytes[..self.length]);
             }
         }
     }
 
-    /// Symbols of the next contexts; returns the greatest.
+    /// Symbols of the next contexts, as the coefficients that they would be if all were small; returns
+    /// the greatest.
     fn decode_scalar(&mut self, contexts: &[u8], symbols: &mut [i32]) -> i32 {
         let mut greatest = 0;
         for (index, (&context, symbol)) in contexts.iter().zip(symbols).enumerate() {
@@ -224,8 +220,8 @@ impl<'a> Decoder<'a> {
                 *state = *state << 16 | u32::from(word.map_or(0, |word| u16::from_le_bytes(*word)));
                 self.position += 2;
             }
-            *symbol = (entry & 255) as i32;
-            greatest = greatest.max(*symbol);
+            *symbol = token::small(entry as u8);
+            greatest = greatest.max((entry & 255) as i32);
         }
         greatest
     }

@@ -22,10 +22,10 @@ pub const CONTEXTS: usize = 4 * CLASSES;
 /// Trained numbers of the predictor, for the diamonds of some levels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Weights {
-    /// For each feature its weight in each class, in 2^-10.
-    pub prediction: [[i16; CLASSES]; FEATURES],
-    /// For each part of the activity its weight.
-    pub activity: [i16; ACTIVITIES],
+    /// In 2^-10: entry `[f / 2][class][f % 2]` is that of feature f, since vectors multiply two at once.
+    pub prediction: [[[i16; 2]; CLASSES]; FEATURES / 2],
+    /// Of part p of the activity at `[p / 2][p % 2]`.
+    pub activity: [[i16; 2]; ACTIVITIES / 2],
     /// Quarter octaves of activity below which the context is 0.
     pub first_context: i32,
 }
@@ -33,11 +33,10 @@ pub struct Weights {
 impl Weights {
     /// Order 4 wherever it is, and contexts by the roughness around.
     pub fn fixed() -> Weights {
-        let mut prediction = [[0; CLASSES]; FEATURES];
-        prediction[0] = [-(1 << (WEIGHT_BITS - 3)); CLASSES];
-        prediction[1] = prediction[0];
-        let mut activity = [16; ACTIVITIES];
-        activity[ACTIVITIES - 1] = 64;
+        let mut prediction = [[[0; 2]; CLASSES]; FEATURES / 2];
+        prediction[0] = [[-(1 << (WEIGHT_BITS - 3)); 2]; CLASSES];
+        let mut activity = [[16; 2]; ACTIVITIES / 2];
+        activity[ACTIVITIES / 2 - 1][1] = 64;
         Weights {
             prediction,
             activity,
@@ -66,7 +65,7 @@ impl Weights {
 }
 
 /// Integers that a diamond's relative heights are kept in.
-pub(super) trait Word: Copy + Default + Send + Sync {
+pub(super) trait Word: Copy + Default + Send + Sync + 'static {
     /// Largest magnitude of a relative height; four of them still fit.
     const REACH: i32;
     /// Largest magnitude of any number that is kept.
@@ -77,6 +76,8 @@ pub(super) trait Word: Copy + Default + Send + Sync {
     fn wide(self) -> i32;
     /// The low bits of a number that arithmetic on words leaves.
     fn wrap(value: i64) -> i64;
+    /// What does whole rows of so many cells at once, where the processor can.
+    fn kernels(cells: usize) -> Option<Kernels<Self>>;
 }
 
 impl Word for i16 {
@@ -95,6 +96,14 @@ impl Word for i16 {
     fn wrap(value: i64) -> i64 {
         i64::from(value as i32)
     }
+    #[cfg(target_arch = "x86_64")]
+    fn kernels(cells: usize) -> Option<Kernels<i16>> {
+        super::adaptive_avx2::kernels(cells)
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    fn kernels(_cells: usize) -> Option<Kernels<i16>> {
+        None
+    }
 }
 
 impl Word for i32 {
@@ -112,6 +121,18 @@ impl Word for i32 {
     fn wrap(value: i64) -> i64 {
         value
     }
+    fn kernels(_cells: usize) -> Option<Kernels<i32>> {
+        None
+    }
+}
+
+/// Functions that do a whole row at once, with the results of the portable ones.
+#[derive(Clone, Copy)]
+pub(super) struct Kernels<T> {
+    /// [`Surroundings::foresee`].
+    pub foresee: fn(&mut Neighbourhood<T>, &Weights, &mut Outlook),
+    /// [`Surroundings::complete`].
+    pub complete: fn(&mut Neighbourhood<T>, &[i32]),
 }
 
 /// What is known of a centre before it is coded; all heights in quarters of a shifted unit.
@@ -131,7 +152,7 @@ impl Sight {
     /// How far off a prediction may be, by these weights.
     #[inline(always)]
     fn activity<T: Word>(&self, weights: &Weights) -> i32 {
-        let parts = self.activities.iter().zip(&weights.activity);
+        let parts = self.activities.iter().zip(weights.activity.as_flattened());
         let activity = parts.fold(0, |sum, (&part, &weight)| {
             sum + i64::from(part) * i64::from(weight)
         });
@@ -165,10 +186,13 @@ pub(super) struct Neighbourhood<T> {
     pub(super) surprises: [Vec<T>; 2],
     /// Relative centres of the row before.
     pub(super) above: Vec<T>,
+    /// Where order 4 expects the centres of the row at hand, in quarters of a shifted unit.
+    pub(super) expected: Vec<T>,
     /// Activity of the same row in components that are known already, with a rim of zeros.
     pub(super) companion: Vec<T>,
     /// The row at hand.
     pub(super) row: usize,
+    kernels: Option<Kernels<T>>,
 }
 
 /// Least and greatest of some heights.
@@ -183,7 +207,12 @@ fn extremes(values: &[i32]) -> (i32, i32) {
 impl<T: Word> Neighbourhood<T> {
     /// A diamond with the (N+1)^2 `vertices`, whose least and greatest are given, at its first row of
     /// centres.
-    fn new(cells: usize, vertices: &[i32], low: i32, high: i32) -> Neighbourhood<T> {
+    fn new(
+        cells: usize,
+        vertices: &[i32],
+        [low, high]: [i32; 2],
+        vectors: bool,
+    ) -> Neighbourhood<T> {
         let span = i64::from(high) - i64::from(low);
         let shifts = 0..i32::BITS;
         let fits = |shift: &u32| span >> shift <= 2 * i64::from(T::REACH);
@@ -198,8 +227,10 @@ impl<T: Word> Neighbourhood<T> {
             vertices: vec![T::default(); (side + 2 * RIM) * stride + VECTOR_SLACK],
             surprises: [row(), row()],
             above: row(),
+            expected: row(),
             companion: row(),
             row: 0,
+            kernels: if vectors { T::kernels(cells) } else { None },
         };
         neighbourhood.fill(vertices);
         neighbourhood
@@ -334,8 +365,6 @@ pub struct Outlook {
     pub contexts: Vec<u8>,
     /// Predicted heights, not yet clamped to any range.
     pub predictions: Vec<i32>,
-    /// Where a centre is expected by order 4, in quarters of a shifted unit.
-    pub(super) expected: Vec<i32>,
 }
 
 impl Outlook {
@@ -344,7 +373,6 @@ impl Outlook {
         Outlook {
             contexts: vec![0; cells],
             predictions: vec![0; cells],
-            expected: vec![0; cells],
         }
     }
 }
@@ -353,13 +381,13 @@ impl Outlook {
 /// and completed.
 pub trait Surroundings {
     /// Contexts and predictions of the row at hand.
-    fn foresee(&self, weights: &Weights, outlook: &mut Outlook);
+    fn foresee(&mut self, weights: &Weights, outlook: &mut Outlook);
 
     /// Contexts of the row at hand, for coefficients whose predictions are made elsewhere.
-    fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook);
+    fn foresee_contexts(&mut self, weights: &Weights, outlook: &mut Outlook);
 
     /// Ends a row whose centres were foreseen and are known now.
-    fn complete(&mut self, centres: &[i32], outlook: &Outlook);
+    fn complete(&mut self, centres: &[i32]);
 
     /// Ends a row of coefficients, each worth `step` units.
     fn complete_coefficients(&mut self, coefficients: &[i32], step: i32);
@@ -379,45 +407,65 @@ pub trait Surroundings {
 pub fn surroundings(cells: usize, vertices: &[i32], vectors: bool) -> Box<dyn Surroundings> {
     let (low, high) = extremes(vertices);
     if i64::from(high) - i64::from(low) > 2 * i64::from(i16::REACH) {
-        return Box::new(Neighbourhood::<i32>::new(cells, vertices, low, high));
+        return Box::new(Neighbourhood::<i32>::new(
+            cells,
+            vertices,
+            [low, high],
+            vectors,
+        ));
     }
-    let narrow = Neighbourhood::<i16>::new(cells, vertices, low, high);
-    let _ = vectors;
-    Box::new(narrow)
+    Box::new(Neighbourhood::<i16>::new(
+        cells,
+        vertices,
+        [low, high],
+        vectors,
+    ))
 }
 
 impl<T: Word> Surroundings for Neighbourhood<T> {
-    fn foresee(&self, weights: &Weights, outlook: &mut Outlook) {
+    fn foresee(&mut self, weights: &Weights, outlook: &mut Outlook) {
+        assert!(self.row < self.cells, "a row after the last");
+        if let Some(kernels) = self.kernels {
+            return (kernels.foresee)(self, weights, outlook);
+        }
         for i in 0..self.cells {
             let sight = self.look(i);
             let context = weights.context(sight.activity::<T>(weights));
             let class = Weights::class(context);
-            let correction = sight.features.iter().zip(&weights.prediction);
             let start = (i64::from(sight.order_two) << WEIGHT_BITS) + (1 << (WEIGHT_BITS + 1));
-            let total = correction.fold(start, |total, (&feature, weights)| {
-                total + i64::from(feature) * i64::from(weights[class])
+            let features = sight.features.chunks_exact(2).zip(&weights.prediction);
+            let total = features.fold(start, |total, (pair, weights)| {
+                let [one, other] = weights[class].map(i64::from);
+                total + i64::from(pair[0]) * one + i64::from(pair[1]) * other
             });
             let offset = T::wrap(total) >> (WEIGHT_BITS + 2) << self.shift;
             outlook.contexts[i] = context as u8;
             outlook.predictions[i] = (i64::from(self.base) + offset) as i32;
-            outlook.expected[i] = saturate::<T>(sight.order_two + sight.order_four);
+            self.expected[i] = T::narrow(saturate::<T>(sight.order_two + sight.order_four));
         }
     }
 
-    fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook) {
+    fn foresee_contexts(&mut self, weights: &Weights, outlook: &mut Outlook) {
+        assert!(self.row < self.cells, "a row after the last");
+        if let Some(kernels) = self.kernels {
+            return (kernels.foresee)(self, weights, outlook);
+        }
         for (i, context) in outlook.contexts.iter_mut().enumerate() {
             *context = weights.context(self.look(i).activity::<T>(weights)) as u8;
         }
     }
 
-    fn complete(&mut self, centres: &[i32], outlook: &Outlook) {
+    fn complete(&mut self, centres: &[i32]) {
+        if let Some(kernels) = self.kernels {
+            return (kernels.complete)(self, centres);
+        }
         let ([newest, older], above) = (&mut self.surprises, &mut self.above);
         std::mem::swap(newest, older);
         let (base, shift) = (self.base, self.shift);
         for (i, &centre) in centres.iter().enumerate() {
             let relative = relative::<T>(centre, base, shift);
             above[i + ROW_RIM] = T::narrow(relative);
-            let surprise = 4 * relative - outlook.expected[i];
+            let surprise = 4 * relative - self.expected[i].wide();
             newest[i + ROW_RIM] = T::narrow(saturate::<T>(surprise));
         }
         self.row += 1;

@@ -88,8 +88,32 @@ impl Quantiser {
             }
             return;
         }
-        // No sum of sound coefficients leaves 32 bits here; damaged ones wrap before they are clamped.
-        let step = self.step();
+        steps::reconstruct(self.step(), self.range(), predictions, row);
+    }
+}
+
+/// Rows of heights whose arithmetic stays within 32 bits.
+mod steps {
+    /// Replaces coefficients by heights, in vectors as wide as the processor has.
+    #[inline]
+    pub(super) fn reconstruct(step: i32, range: [i32; 2], predictions: &[i32], row: &mut [i32]) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2.
+            return unsafe { wide(step, range, predictions, row) };
+        }
+        portable(step, range, predictions, row);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn wide(step: i32, range: [i32; 2], predictions: &[i32], row: &mut [i32]) {
+        portable(step, range, predictions, row);
+    }
+
+    /// No sum of sound coefficients leaves 32 bits; those of damaged ones wrap before they are clamped.
+    #[inline(always)]
+    fn portable(step: i32, [low, high]: [i32; 2], predictions: &[i32], row: &mut [i32]) {
         for (height, &prediction) in row.iter_mut().zip(predictions) {
             let prediction = prediction.clamp(low, high);
             *height = prediction
