@@ -7,6 +7,9 @@ use crate::transform::adaptive::{CLASSES, CONTEXTS, FEATURES, Weights};
 use crate::transform::{LONGEST_LIST, ListedHeights};
 use std::sync::OnceLock;
 
+/// Prediction weights are multiples of this: finer ones cost more bytes than they save.
+pub(super) const WEIGHT_STEP: i16 = 8;
+
 /// Trained weights and tables, level by level.
 #[derive(Clone, Debug)]
 pub struct Model {
@@ -238,8 +241,9 @@ impl Numbers {
                     _ => weights.prediction[pair][class - 1][side],
                 };
                 let difference = told.prediction[pair][class][side].wrapping_sub(near);
-                let passed = self.weight.pass(coder, i32::from(difference));
-                weights.prediction[pair][class][side] = near.wrapping_add(passed as i16);
+                let passed = self.weight.pass(coder, i32::from(difference / WEIGHT_STEP));
+                let passed = (passed as i16).wrapping_mul(WEIGHT_STEP);
+                weights.prediction[pair][class][side] = near.wrapping_add(passed);
             }
         }
         let told_activity = told.activity.as_flattened();

@@ -2,6 +2,7 @@
 //!
 //! Sums are taken in a fixed order and nothing is fused, so that every machine finds the same weights.
 
+use super::model::WEIGHT_STEP;
 use crate::transform::adaptive::{
     ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights,
 };
@@ -13,7 +14,7 @@ const QUARTERS: usize = 128;
 /// Weight of an activity of one quarter of a unit.
 const ACTIVITY_UNIT: f64 = 256.0;
 /// Largest weight.
-const GREATEST: f64 = 8191.0;
+const GREATEST: f64 = 1023.0;
 /// Samples of a class below which its weights lean on those of all classes.
 const FEW_SAMPLES: f64 = 2000.0;
 
@@ -175,10 +176,10 @@ impl Trainer {
             } else {
                 equations.solve(&general, 1e-5 + 0.1 * few)
             };
-            let unit = f64::from(1u32 << WEIGHT_BITS);
+            let unit = f64::from(1u32 << WEIGHT_BITS) / f64::from(WEIGHT_STEP);
             for (feature, own) in own.into_iter().enumerate() {
                 self.weights.prediction[feature / 2][class][feature % 2] =
-                    (own * unit).round().clamp(-GREATEST, GREATEST) as i16;
+                    (own * unit).round().clamp(-GREATEST, GREATEST) as i16 * WEIGHT_STEP;
             }
         }
         if self.round + 2 < ROUNDS {

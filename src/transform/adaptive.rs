@@ -8,6 +8,8 @@
 //! Heights are taken relative to the middle of the diamond's vertices and shifted down until they fit
 //! a [`Word`]; with words of 16 bits the shift is 0 unless a diamond spans more than 16382 units.
 
+use crate::vectors::widened;
+
 /// Numbers that a prediction is a weighted sum of.
 pub const FEATURES: usize = 16;
 /// Numbers that an activity is a weighted sum of.
@@ -76,6 +78,8 @@ pub(super) trait Word: Copy + Default + Send + Sync + 'static {
     fn wide(self) -> i32;
     /// The low bits of a number that arithmetic on words leaves.
     fn wrap(value: i64) -> i64;
+    /// Heights, all within reach when shifted, relative to a base.
+    fn fill(base: i32, shift: u32, heights: &[i32], words: &mut [Self]);
     /// What does whole rows of so many cells at once, where the processor can.
     fn kernels(cells: usize) -> Option<Kernels<Self>>;
 }
@@ -95,6 +99,9 @@ impl Word for i16 {
     #[inline(always)]
     fn wrap(value: i64) -> i64 {
         i64::from(value as i32)
+    }
+    fn fill(base: i32, _shift: u32, heights: &[i32], words: &mut [i16]) {
+        subtract(base, heights, words);
     }
     #[cfg(target_arch = "x86_64")]
     fn kernels(cells: usize) -> Option<Kernels<i16>> {
@@ -120,6 +127,11 @@ impl Word for i32 {
     #[inline(always)]
     fn wrap(value: i64) -> i64 {
         value
+    }
+    fn fill(base: i32, shift: u32, heights: &[i32], words: &mut [i32]) {
+        for (word, &height) in words.iter_mut().zip(heights) {
+            *word = relative::<i32>(height, base, shift);
+        }
     }
     fn kernels(_cells: usize) -> Option<Kernels<i32>> {
         None
@@ -195,13 +207,25 @@ pub(super) struct Neighbourhood<T> {
     kernels: Option<Kernels<T>>,
 }
 
-/// Least and greatest of some heights.
-fn extremes(values: &[i32]) -> (i32, i32) {
-    values
-        .iter()
-        .fold((i32::MAX, i32::MIN), |(low, high), &value| {
-            (low.min(value), high.max(value))
-        })
+widened! {
+    /// Least and greatest of some heights.
+    fn extremes(values: &[i32]) -> [i32; 2] {
+        let (mut low, mut high) = (i32::MAX, i32::MIN);
+        for &value in values {
+            low = low.min(value);
+            high = high.max(value);
+        }
+        [low, high]
+    }
+}
+
+widened! {
+    /// The low words of the distances of some heights from `base`, exact where they are within reach.
+    fn subtract(base: i32, heights: &[i32], words: &mut [i16]) {
+        for (word, &height) in words.iter_mut().zip(heights) {
+            *word = height.wrapping_sub(base) as i16;
+        }
+    }
 }
 
 impl<T: Word> Neighbourhood<T> {
@@ -241,9 +265,7 @@ impl<T: Word> Neighbourhood<T> {
         let (stride, side) = (self.stride, self.cells + 1);
         for (j, row) in vertices.chunks_exact(side).enumerate() {
             let own = &mut self.vertices[(j + RIM) * stride..(j + RIM + 1) * stride];
-            for (own, &vertex) in own[RIM..].iter_mut().zip(row) {
-                *own = T::narrow(relative::<T>(vertex, self.base, self.shift));
-            }
+            T::fill(self.base, self.shift, row, &mut own[RIM..]);
             own[0] = own[RIM];
             own[RIM + side] = own[side];
         }
@@ -405,7 +427,7 @@ pub trait Surroundings {
 /// The surroundings of the N^2 centres of a diamond with these (N+1)^2 vertices. `vectors` allows what the
 /// processor has, to the same result.
 pub fn surroundings(cells: usize, vertices: &[i32], vectors: bool) -> Box<dyn Surroundings> {
-    let (low, high) = extremes(vertices);
+    let [low, high] = extremes(vertices);
     if i64::from(high) - i64::from(low) > 2 * i64::from(i16::REACH) {
         return Box::new(Neighbourhood::<i32>::new(
             cells,

@@ -1,5 +1,7 @@
 //! The quantiser inside the prediction loop.
 
+use crate::vectors::widened;
+
 /// Turns the distance of a height from its prediction into a coefficient, and back.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Quantiser {
@@ -88,32 +90,15 @@ impl Quantiser {
             }
             return;
         }
-        steps::reconstruct(self.step(), self.range(), predictions, row);
+        reconstruct_steps(self.step(), self.range(), predictions, row);
     }
 }
 
-/// Rows of heights whose arithmetic stays within 32 bits.
-mod steps {
-    /// Replaces coefficients by heights, in vectors as wide as the processor has.
-    #[inline]
-    pub(super) fn reconstruct(step: i32, range: [i32; 2], predictions: &[i32], row: &mut [i32]) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2.
-            return unsafe { wide(step, range, predictions, row) };
-        }
-        portable(step, range, predictions, row);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn wide(step: i32, range: [i32; 2], predictions: &[i32], row: &mut [i32]) {
-        portable(step, range, predictions, row);
-    }
-
-    /// No sum of sound coefficients leaves 32 bits; those of damaged ones wrap before they are clamped.
-    #[inline(always)]
-    fn portable(step: i32, [low, high]: [i32; 2], predictions: &[i32], row: &mut [i32]) {
+widened! {
+    /// Replaces coefficients by heights. No sum of sound ones leaves 32 bits; those of damaged ones wrap before
+    /// they are clamped.
+    fn reconstruct_steps(step: i32, range: [i32; 2], predictions: &[i32], row: &mut [i32]) {
+        let [low, high] = range;
         for (height, &prediction) in row.iter_mut().zip(predictions) {
             let prediction = prediction.clamp(low, high);
             *height = prediction
