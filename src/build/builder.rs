@@ -43,6 +43,41 @@ impl Default for BuildOptions {
     }
 }
 
+impl BuildOptions {
+    /// Says which options cannot be met, whatever the raster.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`].
+    pub fn check(&self) -> Result<()> {
+        let is_lifted = self.transform == TransformKind::Lifted;
+        let limit = |name: &str, number: f64| {
+            let message = format!("the {name} error must be a number from 0 up, not {number}");
+            (number.is_nan() || number < 0.0).then_some(message)
+        };
+        let wrong_limit = limit("maximum", self.max_error)
+            .or_else(|| self.rms_error.and_then(|number| limit("RMS", number)));
+        let message = if !(4..=7).contains(&self.cells_log2) {
+            let cells = 1u64 << self.cells_log2.min(63);
+            format!("cells must be 16, 32, 64 or 128, not {cells}")
+        } else if let Some(message) = wrong_limit {
+            message
+        } else if self.rms_error.is_some() && !is_lifted {
+            "an RMS error needs the transform lifted".to_owned()
+        } else if self.rms_error.is_some() && self.max_error != 0.0 {
+            "either a maximum error or an RMS error, not both".to_owned()
+        } else if is_lifted && self.max_error != 0.0 {
+            let max_error = self.max_error;
+            format!(
+                "lifted keeps no maximum error of {max_error}: give 0 for lossless, or an RMS error"
+            )
+        } else {
+            return Ok(());
+        };
+        Err(Error::Argument(message))
+    }
+}
+
 /// What was built; errors are measured from the decoded bytes, in the raster's own units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BuildReport {
@@ -74,7 +109,7 @@ pub fn build(
 ) -> Result<BuildReport> {
     let info = source.info().clone();
     let lattice = Lattice::new(info.width, info.height, options.cells_log2)?;
-    check(options)?;
+    options.check()?;
     // First of all, so that an output that cannot be written is found before the input is read.
     let sink = Box::new(FileSink::create(output)?);
     // Each sample is read once, filtered once if at all, coded once, and measured once for each level's error.
@@ -153,27 +188,6 @@ pub fn build(
         max_error,
         rms_error,
     })
-}
-
-/// Says which options cannot be met, whatever the raster.
-fn check(options: &BuildOptions) -> Result<()> {
-    let refuse = |message: String| Err(Error::Argument(message));
-    if !(4..=7).contains(&options.cells_log2) {
-        let cells = 1u64 << options.cells_log2.min(63);
-        return refuse(format!("cells must be 16, 32, 64 or 128, not {cells}"));
-    }
-    let is_lifted = options.transform == TransformKind::Lifted;
-    match options.rms_error {
-        Some(_) if !is_lifted => refuse("an RMS error needs the transform lifted".into()),
-        Some(_) if options.max_error != 0.0 => {
-            refuse("either a maximum error or an RMS error, not both".into())
-        }
-        None if is_lifted && options.max_error > 0.0 => refuse(format!(
-            "lifted keeps no maximum error of {}: give 0 for lossless, or an RMS error",
-            options.max_error
-        )),
-        _ => Ok(()),
-    }
 }
 
 /// Units for a raster, and whether every sample is a multiple of one.

@@ -16,7 +16,7 @@ fn hill(column: u32, row: u32, seed: u64, amplitude: f64) -> f64 {
     amplitude * ((x * 0.11).sin() * (y * 0.07).cos() + 0.2 * noise)
 }
 
-fn rasters() -> impl Strategy<Value = Raster> {
+pub fn rasters() -> impl Strategy<Value = Raster> {
     let kinds = prop_oneof![
         Just((SampleType::I16, 3000.0)),
         Just((SampleType::U8, 100.0)),
