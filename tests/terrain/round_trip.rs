@@ -117,21 +117,6 @@ proptest! {
         prop_assert!(query.height_at_grid(-0.01, 0.0).unwrap().is_none());
         prop_assert!(query.height_at_grid(0.0, f64::NAN).unwrap().is_none());
     }
-
-    #[test]
-    fn threads_do_not_change_the_bytes(raster in rasters()) {
-        let folder = tempfile::tempdir().unwrap();
-        let mut files = Vec::new();
-        for threads in [1, 2, 5] {
-            let path = folder.path().join(format!("{threads}.kmb"));
-            let options = kimberlite::build::BuildOptions {
-                max_error: 3.0, cells_log2: 4, threads, ..Default::default()
-            };
-            kimberlite::build::build(&mut raster.source(), &options, &path, &mut |_, _| true).unwrap();
-            files.push(std::fs::read(&path).unwrap());
-        }
-        prop_assert!(files[0] == files[1] && files[1] == files[2]);
-    }
 }
 
 #[test]

@@ -198,6 +198,21 @@ proptest! {
     }
 
     #[test]
+    fn threads_do_not_change_the_bytes(raster in rasters()) {
+        let folder = tempfile::tempdir().unwrap();
+        for transform in KINDS {
+            let limit = limits(&raster, transform, 0.01).pop().unwrap();
+            let files = [1, 2, 5].map(|threads| {
+                let path = folder.path().join(format!("{threads}.kmb"));
+                let options = BuildOptions { threads, ..options(transform, limit, 4) };
+                kimberlite::build::build(&mut raster.source(), &options, &path, &mut |_, _| true).unwrap();
+                std::fs::read(&path).unwrap()
+            });
+            prop_assert!(files[0] == files[1] && files[1] == files[2]);
+        }
+    }
+
+    #[test]
     fn a_range_contains_every_height_below_it(raster in rasters()) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.kmb");
