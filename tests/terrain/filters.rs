@@ -139,7 +139,7 @@ proptest! {
     ) {
         let samples = (0..width * height).map(|index| {
             let (column, row) = (index % width, index / width);
-            let noise = (column * 7919 ^ row * 104_729 ^ seed).wrapping_mul(2_654_435_761) >> 20;
+            let noise = ((column * 7919) ^ (row * 104_729) ^ seed).wrapping_mul(2_654_435_761) >> 20;
             let is_void = match voids {
                 0 => false,
                 1 => noise % 11 == 0,
