@@ -1,6 +1,6 @@
 # make demo    on a fresh Debian: installs what is missing, builds, flies over data/'s Puget Sound, leaves pictures in target/demo
 # make check   every test and check of the project
-# make sweep   DATA=folder: builds, verifies and extracts every raster of a folder at three maximum errors
+# make sweep   DATA=folder: builds, verifies and extracts every raster of a folder by every transform at three errors
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
 

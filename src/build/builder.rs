@@ -135,30 +135,7 @@ pub fn build(
     }
     let coders = Coders::new(&levels, options.transform, &units);
     let (mut descent, roots) = Descent::new(&levels, &coders.roots, threads)?;
-    let header = Header {
-        kind: Kind::Heights,
-        domain: DomainKind::Planar,
-        transform: options.transform,
-        entropy: EntropyKind::Gamma,
-        cells_log2: options.cells_log2 as u8,
-        levels: lattice.levels() as u8,
-        lossless: units.bound == 0 && is_exact,
-        block_length_unit: block_length_unit(lattice.cells()),
-        bound_units: units.bound as u32,
-        unit_min: units.range[0],
-        unit_max: units.range[1],
-        unit_scale: units.scale,
-        unit_offset: units.offset,
-        sample_min: units.sample_range[0],
-        sample_max: units.sample_range[1],
-        max_error_bound: options.max_error,
-        max_error: 0.0,
-        rms_error: 0.0,
-        samples,
-        void_samples: plane.void_samples,
-        block_count: lattice.diamond_count(),
-        raster: info,
-    };
+    let header = header(&levels, options, &info, &units, is_exact);
     let mut writer = Writer::with_sink(output, sink, &header, &roots, &[])?;
     for level in 0..lattice.levels() {
         let code = |input: Input| code_block(&coders.blocks, input);
@@ -188,6 +165,41 @@ pub fn build(
         max_error,
         rms_error,
     })
+}
+
+/// The header but for what only the finished build knows: errors, and the range of lifted heights.
+fn header(
+    levels: &Levels,
+    options: &BuildOptions,
+    info: &RasterInfo,
+    units: &Units,
+    is_exact: bool,
+) -> Header {
+    let (lattice, plane) = (levels.lattice, levels.plane);
+    Header {
+        kind: Kind::Heights,
+        domain: DomainKind::Planar,
+        transform: options.transform,
+        entropy: EntropyKind::Gamma,
+        cells_log2: options.cells_log2 as u8,
+        levels: lattice.levels() as u8,
+        lossless: units.bound == 0 && is_exact,
+        block_length_unit: block_length_unit(lattice.cells()),
+        bound_units: units.bound as u32,
+        unit_min: units.range[0],
+        unit_max: units.range[1],
+        unit_scale: units.scale,
+        unit_offset: units.offset,
+        sample_min: units.sample_range[0],
+        sample_max: units.sample_range[1],
+        max_error_bound: options.max_error,
+        max_error: 0.0,
+        rms_error: 0.0,
+        samples: plane.samples.len() as u64,
+        void_samples: plane.void_samples,
+        block_count: lattice.diamond_count(),
+        raster: info.clone(),
+    }
 }
 
 /// Units for a raster, and whether every sample is a multiple of one.
