@@ -108,18 +108,34 @@ impl<'a> Places<'a> {
         Some(self.vertex(self.next, i, j)? + half)
     }
 
-    /// Eq. 3.1: P of an inner vertex, all heights within `range`.
-    fn two_stage(&self, i: i64, j: i64, range: [i64; 2]) -> Option<i64> {
-        let own = self.vertex(self.next, i, j)?;
+    /// P^(V)(C) at a valid inner vertex of weight 1/2; `None` at one of weight 1.
+    fn predicted(&self, i: i64, j: i64, range: [i64; 2]) -> Option<i64> {
+        self.vertex(self.own, i, j)?;
         let (near, far) = Self::support(|di, dj| self.centre(i - 1 + di, j - 1 + dj));
         let is_wide = (2..=self.cells - 2).contains(&i) && (2..=self.cells - 2).contains(&j);
         let sum = |points: &[Option<i64>]| points.iter().copied().sum::<Option<i64>>();
         let prediction = match (is_wide, sum(&near), sum(&far)) {
             (true, Some(near), Some(far)) => (10 * near - far + 16).div_euclid(32),
             (false, Some(near), _) => (near + 2).div_euclid(4),
-            _ => return Some(own),
+            _ => return None,
         };
-        Some((own + prediction.clamp(range[0], range[1]) + 1).div_euclid(2))
+        Some(prediction.clamp(range[0], range[1]))
+    }
+
+    /// Eq. 3.1: P of an inner vertex, all heights within `range`.
+    fn two_stage(&self, i: i64, j: i64, range: [i64; 2]) -> Option<i64> {
+        let next = self.vertex(self.next, i, j)?;
+        let prediction = self.predicted(i, j, range);
+        Some(prediction.map_or(next, |prediction| (next + prediction + 1).div_euclid(2)))
+    }
+
+    /// Eq. 3.8: what the residual of an inner vertex was added to.
+    fn unfiltered(&self, i: i64, j: i64, range: [i64; 2]) -> Option<i64> {
+        let own = self.vertex(self.own, i, j)?;
+        let prediction = self.predicted(i, j, range);
+        Some(prediction.map_or(own, |prediction| {
+            (2 * own - prediction).clamp(range[0], range[1])
+        }))
     }
 }
 
@@ -128,27 +144,37 @@ fn mean(of: &[i64]) -> Option<i64> {
     (count > 0).then(|| (2 * of.iter().sum::<i64>() + count).div_euclid(2 * count))
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
-
-    #[test]
-    fn coarse_levels_are_what_the_equations_make_of_finer_ones(
-        (width, height) in (2u32..90, 2u32..90),
-        seed in any::<u32>(),
-        voids in 0u32..4,
-    ) {
+fn rasters() -> impl Strategy<Value = Raster> {
+    (2u32..90, 2u32..90, any::<u32>(), 0u32..4).prop_map(|(width, height, seed, voids)| {
         let samples = (0..width * height).map(|index| {
             let (column, row) = (index % width, index / width);
-            let noise = ((column * 7919) ^ (row * 104_729) ^ seed).wrapping_mul(2_654_435_761) >> 20;
+            let noise =
+                ((column * 7919) ^ (row * 104_729) ^ seed).wrapping_mul(2_654_435_761) >> 20;
             let is_void = match voids {
                 0 => false,
                 1 => noise % 11 == 0,
                 2 => noise % 3 != 0,
                 _ => (column / 9 + row / 14) % 3 == 1,
             };
-            if is_void { f64::NAN } else { f64::from(column * row % 300 + noise % 40) }
+            if is_void {
+                f64::NAN
+            } else {
+                f64::from(column * row % 300 + noise % 40)
+            }
         });
-        let raster = Raster::new(width, height, SampleType::I16, samples.collect());
+        Raster::new(width, height, SampleType::I16, samples.collect())
+    })
+}
+
+fn inner(cells: i64) -> impl Iterator<Item = (i64, i64)> {
+    (1..cells).flat_map(move |j| (1..cells).map(move |i| (i, j)))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn coarse_levels_are_what_the_equations_make_of_finer_ones(raster in rasters()) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.kmb");
         for transform in [TransformKind::Lifted, TransformKind::TwoStage] {
@@ -158,7 +184,7 @@ proptest! {
             for (diamond, (own, refined)) in &decode_diamonds(&terrain) {
                 let Some(refined) = refined else { continue };
                 let places = Places::new(terrain.lattice(), *diamond, own, refined);
-                for (i, j) in (1..places.cells).flat_map(|j| (1..places.cells).map(move |i| (i, j))) {
+                for (i, j) in inner(places.cells) {
                     let expected = match transform {
                         TransformKind::Lifted => places.lifted(i, j),
                         _ => places.two_stage(i, j, range),
@@ -166,6 +192,41 @@ proptest! {
                     prop_assert_eq!(
                         places.vertex(places.own, i, j), expected,
                         "{:?}, {:?} of level {}, ({}, {})", transform, diamond, diamond.level(), i, j
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_decoder_adds_multiples_of_the_step_to_what_the_equations_predict(raster in rasters()) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.kmb");
+        for (transform, limit) in [
+            (TransformKind::Lifted, Limit::Rms(6.0)),
+            (TransformKind::TwoStage, Limit::Max(5.0)),
+        ] {
+            raster.build_with(&path, &options(transform, limit, 4)).unwrap();
+            let terrain = Terrain::open(&path, Access::Map).unwrap();
+            let (range, step) = (terrain.range().map(i64::from), 2 * i64::from(terrain.header().bound_units) + 1);
+            for (diamond, (own, refined)) in &decode_diamonds(&terrain) {
+                let Some(refined) = refined else { continue };
+                let places = Places::new(terrain.lattice(), *diamond, own, refined);
+                for (i, j) in inner(places.cells) {
+                    if transform == TransformKind::Lifted {
+                        // Eq. 3 is eq. 2 with the details that were decoded.
+                        prop_assert_eq!(places.vertex(places.own, i, j), places.lifted(i, j));
+                        let detail = places.detail(i, j).unwrap_or(0);
+                        prop_assert_eq!(detail % step, 0, "a detail of level {}", diamond.level());
+                        continue;
+                    }
+                    let next = places.vertex(places.next, i, j);
+                    let pair = next.zip(places.unfiltered(i, j, range));
+                    let Some((next, predicted)) = pair else { continue };
+                    let is_clamped = range.contains(&next);
+                    prop_assert!(
+                        is_clamped || (next - predicted) % step == 0,
+                        "{:?} of level {}, ({}, {})", diamond, diamond.level(), i, j
                     );
                 }
             }
