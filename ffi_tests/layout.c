@@ -101,7 +101,7 @@ static void structs(void)
     AT(kmb_grid_to_world, reserved, 4);
     AT(kmb_grid_to_world, origin, 8);
     AT(kmb_grid_to_world, step, 32);
-    SIZE(kmb_builder_options, 32);
+    SIZE(kmb_builder_options, 48);
     AT(kmb_builder_options, struct_size, 0);
     AT(kmb_builder_options, sample_type, 4);
     AT(kmb_builder_options, width, 8);
@@ -109,6 +109,9 @@ static void structs(void)
     AT(kmb_builder_options, max_error, 16);
     AT(kmb_builder_options, cells, 24);
     AT(kmb_builder_options, threads, 28);
+    AT(kmb_builder_options, transform, 32);
+    AT(kmb_builder_options, entropy, 36);
+    AT(kmb_builder_options, rms_error, 40);
     SIZE(kmb_build_report, 48);
     AT(kmb_build_report, struct_size, 0);
     AT(kmb_build_report, reserved, 4);
@@ -155,6 +158,9 @@ static void numbers(void)
     CHECK(KMB_REGISTRATION_POINT == 1);
     CHECK(KMB_VERTEX_COMPACT == 0);
     CHECK(KMB_VERTEX_EXPANDED == 1);
+    CHECK(KMB_TRANSFORM_INTERPOLATING == 0);
+    CHECK(KMB_TRANSFORM_LIFTED == 1);
+    CHECK(KMB_TRANSFORM_TWO_STAGE == 2);
 }
 
 int main(void)

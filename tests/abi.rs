@@ -5,7 +5,7 @@
 
 use std::mem::offset_of;
 
-use kimberlite::ffi::builder::{kmb_build_report, kmb_builder_options};
+use kimberlite::ffi::builder::{kmb_build_report, kmb_builder_options, kmb_transform};
 use kimberlite::ffi::cut::{
     kmb_budget, kmb_cut_options, kmb_grid_to_world, kmb_stats, kmb_vertex_form, kmb_view,
 };
@@ -56,8 +56,8 @@ fn structs_lie_as_c_programs_were_compiled() {
     );
     layout!(kmb_grid_to_world, 56, struct_size 0, reserved 4, origin 8, step 32);
     layout!(
-        kmb_builder_options, 32, struct_size 0, sample_type 4, width 8, height 12, max_error 16,
-        cells 24, threads 28
+        kmb_builder_options, 48, struct_size 0, sample_type 4, width 8, height 12, max_error 16,
+        cells 24, threads 28, transform 32, reserved 36, rms_error 40
     );
     layout!(
         kmb_build_report, 48, struct_size 0, reserved 4, samples 8, void_samples 16, bytes 24,
@@ -90,4 +90,8 @@ fn constants_are_those_that_c_programs_were_compiled_with() {
     );
     numbers!(kmb_registration, KMB_REGISTRATION_AREA 0, KMB_REGISTRATION_POINT 1);
     numbers!(kmb_vertex_form, KMB_VERTEX_COMPACT 0, KMB_VERTEX_EXPANDED 1);
+    numbers!(
+        kmb_transform, KMB_TRANSFORM_INTERPOLATING 0, KMB_TRANSFORM_LIFTED 1,
+        KMB_TRANSFORM_TWO_STAGE 2
+    );
 }

@@ -55,6 +55,41 @@ impl Default for BuildOptions {
     }
 }
 
+impl BuildOptions {
+    /// Says which options cannot be met, whatever the raster.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`].
+    pub fn check(&self) -> Result<()> {
+        let is_lifted = self.transform == TransformKind::Lifted;
+        let limit = |name: &str, number: f64| {
+            let message = format!("the {name} error must be a number from 0 up, not {number}");
+            (number.is_nan() || number < 0.0).then_some(message)
+        };
+        let wrong_limit = limit("maximum", self.max_error)
+            .or_else(|| self.rms_error.and_then(|number| limit("RMS", number)));
+        let message = if !(4..=7).contains(&self.cells_log2) {
+            let cells = 1u64 << self.cells_log2.min(63);
+            format!("cells must be 16, 32, 64 or 128, not {cells}")
+        } else if let Some(message) = wrong_limit {
+            message
+        } else if self.rms_error.is_some() && !is_lifted {
+            "an RMS error needs the transform lifted".to_owned()
+        } else if self.rms_error.is_some() && self.max_error != 0.0 {
+            "either a maximum error or an RMS error, not both".to_owned()
+        } else if is_lifted && self.max_error != 0.0 {
+            let max_error = self.max_error;
+            format!(
+                "lifted keeps no maximum error of {max_error}: give 0 for lossless, or an RMS error"
+            )
+        } else {
+            return Ok(());
+        };
+        Err(Error::Argument(message))
+    }
+}
+
 /// What was built; errors are measured from the decoded bytes, in the raster's own units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BuildReport {
@@ -86,7 +121,7 @@ pub fn build(
 ) -> Result<BuildReport> {
     let info = source.info().clone();
     let lattice = Lattice::new(info.width, info.height, options.cells_log2)?;
-    check(options)?;
+    options.check()?;
     if let Some(model) = &options.tables {
         check_model(model, lattice.levels(), options.transform)?;
     }
@@ -128,30 +163,7 @@ pub fn build(
         }
     };
     let descent = &coded.descent;
-    let header = Header {
-        kind: Kind::Heights,
-        domain: DomainKind::Planar,
-        transform: options.transform,
-        entropy: options.entropy,
-        cells_log2: options.cells_log2 as u8,
-        levels: lattice.levels() as u8,
-        lossless: units.bound == 0 && is_exact,
-        block_length_unit: block_length_unit(lattice.cells()),
-        bound_units: units.bound as u32,
-        unit_min: units.range[0],
-        unit_max: units.range[1],
-        unit_scale: units.scale,
-        unit_offset: units.offset,
-        sample_min: units.sample_range[0],
-        sample_max: units.sample_range[1],
-        max_error_bound: options.max_error,
-        max_error: 0.0,
-        rms_error: 0.0,
-        samples,
-        void_samples: plane.void_samples,
-        block_count: lattice.diamond_count(),
-        raster: info,
-    };
+    let header = header(&levels, options, &info, &units, is_exact);
     let tables = coded.model.as_ref().map_or_else(Vec::new, Model::to_bytes);
     let mut writer = Writer::with_sink(output, sink, &header, &coded.roots, &tables)?;
     for block in &coded.blocks {
@@ -180,24 +192,38 @@ pub fn build(
     })
 }
 
-/// Says which options cannot be met, whatever the raster.
-fn check(options: &BuildOptions) -> Result<()> {
-    let refuse = |message: String| Err(Error::Argument(message));
-    if !(4..=7).contains(&options.cells_log2) {
-        let cells = 1u64 << options.cells_log2.min(63);
-        return refuse(format!("cells must be 16, 32, 64 or 128, not {cells}"));
-    }
-    let is_lifted = options.transform == TransformKind::Lifted;
-    match options.rms_error {
-        Some(_) if !is_lifted => refuse("an RMS error needs the transform lifted".into()),
-        Some(_) if options.max_error != 0.0 => {
-            refuse("either a maximum error or an RMS error, not both".into())
-        }
-        None if is_lifted && options.max_error > 0.0 => refuse(format!(
-            "lifted keeps no maximum error of {}: give 0 for lossless, or an RMS error",
-            options.max_error
-        )),
-        _ => Ok(()),
+/// The header but for what only the finished build knows: errors, and the range of lifted heights.
+fn header(
+    levels: &Levels,
+    options: &BuildOptions,
+    info: &RasterInfo,
+    units: &Units,
+    is_exact: bool,
+) -> Header {
+    let (lattice, plane) = (levels.lattice, levels.plane);
+    Header {
+        kind: Kind::Heights,
+        domain: DomainKind::Planar,
+        transform: options.transform,
+        entropy: options.entropy,
+        cells_log2: options.cells_log2 as u8,
+        levels: lattice.levels() as u8,
+        lossless: units.bound == 0 && is_exact,
+        block_length_unit: block_length_unit(lattice.cells()),
+        bound_units: units.bound as u32,
+        unit_min: units.range[0],
+        unit_max: units.range[1],
+        unit_scale: units.scale,
+        unit_offset: units.offset,
+        sample_min: units.sample_range[0],
+        sample_max: units.sample_range[1],
+        max_error_bound: options.max_error,
+        max_error: 0.0,
+        rms_error: 0.0,
+        samples: plane.samples.len() as u64,
+        void_samples: plane.void_samples,
+        block_count: lattice.diamond_count(),
+        raster: info.clone(),
     }
 }
 

@@ -13,6 +13,7 @@ use crate::build::source::RowSource;
 use crate::build::source::samples::stored_value;
 use crate::build::{BuildOptions, BuildReport, build};
 use crate::geo::{RasterInfo, Registration, SampleType};
+use crate::store::{EntropyKind, TransformKind};
 use crate::{Error, Result};
 
 /// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
@@ -35,6 +36,30 @@ pub type kmb_rows_callback = Option<
 pub type kmb_progress_callback =
     Option<unsafe extern "C" fn(user: *mut c_void, done: u64, total: u64) -> i32>;
 
+/// How a raster becomes levels, and what its error is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum kmb_transform {
+    /// Coarse levels are samples of the finest. No vertex of any level is off by more than the
+    /// maximum error.
+    KMB_TRANSFORM_INTERPOLATING = 0,
+    /// Coarse levels are filtered. Lossless, or within a root mean square error.
+    KMB_TRANSFORM_LIFTED = 1,
+    /// Coarse levels are filtered. No sample is off by more than the maximum error, nor any vertex
+    /// of a coarser level from the filtered one.
+    KMB_TRANSFORM_TWO_STAGE = 2,
+}
+
+/// How coefficients become bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum kmb_entropy {
+    /// In contexts, by tables that are trained on the raster.
+    KMB_ENTROPY_RANS = 0,
+    /// A quadtree of Elias gamma codes: larger, and nothing is trained.
+    KMB_ENTROPY_GAMMA = 1,
+}
+
 /// What to build.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -48,12 +73,19 @@ pub struct kmb_builder_options {
     /// Rows; at least 2.
     pub height: u32,
     /// Largest allowed difference between a decoded sample and the input's, in sample units; 0 is
-    /// lossless for integers.
+    /// lossless for integers. KMB_TRANSFORM_LIFTED takes only 0.
     pub max_error: f64,
     /// Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
     pub cells: u32,
     /// Threads to use, or 0 for one a core. The file does not depend on it.
     pub threads: u32,
+    /// A kmb_transform.
+    pub transform: u32,
+    /// A kmb_entropy.
+    pub entropy: u32,
+    /// For KMB_TRANSFORM_LIFTED: largest allowed root mean square difference, in sample units, or 0
+    /// for lossless. The largest difference that comes with it is in the report and in the file.
+    pub rms_error: f64,
 }
 
 /// What a build made.
@@ -107,7 +139,8 @@ impl Handle for kmb_builder {
 ///
 /// May be called from any thread at any time.
 ///
-/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for errors that the transform cannot keep),
+/// KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_builder_create(
     options: *const kmb_builder_options,
@@ -124,9 +157,12 @@ pub unsafe extern "C" fn kmb_builder_create(
             broken: AtomicBool::new(false),
             raster: RasterInfo::new(options.width, options.height, sample_type),
             options: BuildOptions {
+                transform: transform_kind(options.transform)?,
                 max_error: options.max_error,
+                rms_error: (options.rms_error != 0.0).then_some(options.rms_error),
                 cells_log2: cells_log2(options.cells)?,
                 threads: options.threads as usize,
+                entropy: entropy_kind(options.entropy)?,
                 ..BuildOptions::default()
             },
         };
@@ -146,20 +182,31 @@ fn cells_log2(cells: u32) -> std::result::Result<u32, Failure> {
     }
 }
 
+fn entropy_kind(number: u32) -> std::result::Result<EntropyKind, Failure> {
+    match number {
+        n if n == kmb_entropy::KMB_ENTROPY_RANS as u32 => Ok(EntropyKind::Rans),
+        n if n == kmb_entropy::KMB_ENTROPY_GAMMA as u32 => Ok(EntropyKind::Gamma),
+        _ => Err(Failure::argument(format!(
+            "entropy coder {number} is unknown"
+        ))),
+    }
+}
+
+fn transform_kind(number: u32) -> std::result::Result<TransformKind, Failure> {
+    let kind = u8::try_from(number)
+        .ok()
+        .and_then(|number| TransformKind::try_from(number).ok());
+    kind.ok_or_else(|| Failure::argument(format!("transform {number} is unknown")))
+}
+
 fn check_shape(builder: &kmb_builder) -> Outcome {
     let (width, height) = (builder.raster.width, builder.raster.height);
-    let max_error = builder.options.max_error;
     if width < 2 || height < 2 {
         return Err(Failure::argument(format!(
             "a raster of {width} x {height} samples: at least 2 x 2 are needed"
         )));
     }
-    if max_error.is_nan() || max_error < 0.0 {
-        return Err(Failure::argument(format!(
-            "the maximum error must be a number from 0 up, not {max_error}"
-        )));
-    }
-    Ok(())
+    Ok(builder.options.check()?)
 }
 
 /// Frees a builder. NULL is allowed. No other call may use the handle at the same time, or
