@@ -224,11 +224,9 @@ pub(super) fn list_heights(levels: &Levels, range: [i32; 2], bound: i32) -> Opti
     });
     let listed = present.iter().filter(|&&present| present).count() as u64;
     let length = length as u64;
-    // The list costs about a bit for each height of the range; log2 of length / listed is saved for each
-    // sample.
-    let saved_twelfths = if 4 * listed <= 3 * length { 5 } else { 0 };
+    // The list costs about a bit for each height of the range, and saves one or more for each sample.
     let samples = levels.plane.samples.len() as u64 - levels.plane.void_samples;
-    if samples * saved_twelfths < 2 * 12 * length {
+    if 2 * listed > length || samples < 2 * length {
         return None;
     }
     ListedHeights::new(range[0], &present)

@@ -5,8 +5,9 @@ use super::BlockError;
 use super::model::LevelModel;
 use super::training::{Fit, Trainer};
 use crate::entropy::rans;
-use crate::transform::adaptive::{CONTEXTS, Outlook, Weights, surroundings};
+use crate::transform::adaptive::{CONTEXTS, Outlook, Surroundings, Weights, Workspace};
 use crate::transform::{Coefficients, Quantiser, Validity};
+use std::cell::RefCell;
 
 /// The context of an entry without a coefficient.
 const UNCODED: u8 = u8::MAX;
@@ -151,30 +152,30 @@ impl SymbolCoder {
         target: &[i32],
     ) {
         let (cells, [low, high]) = (self.cells, self.quantiser.range());
-        let mut surroundings = surroundings(cells, vertices, self.vectors);
-        let step = surroundings.quarters(self.quantiser.step()) - surroundings.quarters(0);
-        let mut outlook = Outlook::new(cells);
         let mut row = vec![0; cells];
-        for (j, target) in target.chunks_exact(cells).enumerate() {
-            surroundings.foresee(trainer.weights(), &mut outlook);
-            for (i, centre) in row.iter_mut().enumerate() {
-                let prediction = outlook.predictions[i].clamp(low, high);
-                *centre = prediction;
-                if validity
-                    .centres
-                    .is_none_or(|coded| coded[j * cells + i] != 0)
-                {
-                    let coefficient = self.quantiser.quantise(target[i], prediction);
-                    *centre = self.quantiser.reconstruct(coefficient, prediction);
-                    let (sight, activity) = surroundings.sight(i, trainer.weights());
-                    let place = surroundings.quarters(target[i]);
-                    let predicted = surroundings.quarters(outlook.predictions[i]);
-                    let misses = [place - f64::from(sight.order_two), place - predicted];
-                    trainer.see(fit, &sight, activity, misses, step);
+        self.surround(vertices, |surroundings, outlook| {
+            let step = surroundings.quarters(self.quantiser.step()) - surroundings.quarters(0);
+            for (j, target) in target.chunks_exact(cells).enumerate() {
+                surroundings.foresee(trainer.weights(), outlook);
+                for (i, centre) in row.iter_mut().enumerate() {
+                    let prediction = outlook.predictions[i].clamp(low, high);
+                    *centre = prediction;
+                    if validity
+                        .centres
+                        .is_none_or(|coded| coded[j * cells + i] != 0)
+                    {
+                        let coefficient = self.quantiser.quantise(target[i], prediction);
+                        *centre = self.quantiser.reconstruct(coefficient, prediction);
+                        let (sight, activity) = surroundings.sight(i, trainer.weights());
+                        let place = surroundings.quarters(target[i]);
+                        let predicted = surroundings.quarters(outlook.predictions[i]);
+                        let misses = [place - f64::from(sight.order_two), place - predicted];
+                        trainer.see(fit, &sight, activity, misses, step);
+                    }
                 }
+                surroundings.complete(&row);
             }
-            surroundings.complete(&row);
-        }
+        });
     }
 
     /// The coefficients of a block, all zero for `None`; those of the vertices where `coded_vertices` is.
@@ -262,22 +263,24 @@ impl SymbolCoder {
         for (matrix, coded, companion, entries) in matrices(coefficients, validity, coded_vertices)
         {
             let (trainer, fit) = (&trainers[matrix], &mut fits[matrix]);
-            let mut surroundings = surroundings(cells, vertices, self.vectors);
-            let step = surroundings.quarters(self.quantiser.step()) - surroundings.quarters(0);
-            for (j, row) in entries.chunks_exact(cells).enumerate() {
-                if let Some(companion) = companion {
-                    let row = &companion[j * cells..(j + 1) * cells];
-                    surroundings.accompany(row, self.quantiser.step());
-                }
-                for (i, &coefficient) in row.iter().enumerate() {
-                    if coded.is_none_or(|coded| coded[j * cells + i] != 0) {
-                        let (sight, activity) = surroundings.sight(i, trainer.weights());
-                        let miss = f64::from(coefficient) * step;
-                        trainer.see(fit, &sight, activity, [miss, miss], step);
+            let own_step = self.quantiser.step();
+            self.surround(vertices, |surroundings, _| {
+                let step = surroundings.quarters(own_step) - surroundings.quarters(0);
+                for (j, row) in entries.chunks_exact(cells).enumerate() {
+                    if let Some(companion) = companion {
+                        let row = &companion[j * cells..(j + 1) * cells];
+                        surroundings.accompany(row, own_step);
                     }
+                    for (i, &coefficient) in row.iter().enumerate() {
+                        if coded.is_none_or(|coded| coded[j * cells + i] != 0) {
+                            let (sight, activity) = surroundings.sight(i, trainer.weights());
+                            let miss = f64::from(coefficient) * step;
+                            trainer.see(fit, &sight, activity, [miss, miss], step);
+                        }
+                    }
+                    surroundings.complete_coefficients(row, own_step);
                 }
-                surroundings.complete_coefficients(row, self.quantiser.step());
-            }
+            });
         }
     }
 
@@ -299,13 +302,13 @@ impl SymbolCoder {
         centres: &mut [i32],
         mut visit: impl FnMut(usize, &mut Outlook, &mut [i32]),
     ) {
-        let mut surroundings = surroundings(self.cells, vertices, self.vectors);
-        let mut outlook = Outlook::new(self.cells);
-        for (index, row) in centres.chunks_exact_mut(self.cells).enumerate() {
-            surroundings.foresee(weights, &mut outlook);
-            visit(index, &mut outlook, row);
-            surroundings.complete(row);
-        }
+        self.surround(vertices, |surroundings, outlook| {
+            for (index, row) in centres.chunks_exact_mut(self.cells).enumerate() {
+                surroundings.foresee(weights, outlook);
+                visit(index, outlook, row);
+                surroundings.complete(row);
+            }
+        });
     }
 
     /// Goes over the rows of a matrix of coefficients. `visit` gets each row's number and contexts, and may
@@ -319,16 +322,32 @@ impl SymbolCoder {
         mut visit: impl FnMut(usize, &mut [u8], &mut [i32]),
     ) {
         let (cells, step) = (self.cells, self.quantiser.step());
-        let mut surroundings = surroundings(cells, vertices, self.vectors);
-        let mut outlook = Outlook::new(cells);
-        for (index, row) in coefficients.chunks_exact_mut(cells).enumerate() {
-            if let Some(companion) = companion {
-                surroundings.accompany(&companion[index * cells..(index + 1) * cells], step);
+        self.surround(vertices, |surroundings, outlook| {
+            for (index, row) in coefficients.chunks_exact_mut(cells).enumerate() {
+                if let Some(companion) = companion {
+                    surroundings.accompany(&companion[index * cells..(index + 1) * cells], step);
+                }
+                surroundings.foresee_contexts(weights, outlook);
+                visit(index, &mut outlook.contexts, row);
+                surroundings.complete_coefficients(row, step);
             }
-            surroundings.foresee_contexts(weights, &mut outlook);
-            visit(index, &mut outlook.contexts, row);
-            surroundings.complete_coefficients(row, step);
+        });
+    }
+
+    /// Lets `work` go through the surroundings of a diamond, with an outlook of its width.
+    fn surround<R>(
+        &self,
+        vertices: &[i32],
+        work: impl FnOnce(&mut dyn Surroundings, &mut Outlook) -> R,
+    ) -> R {
+        thread_local! {
+            /// Kept from diamond to diamond, since making room takes as long as a part of decoding.
+            static ROOM: RefCell<(Workspace, Outlook)> = RefCell::default();
         }
+        ROOM.with_borrow_mut(|(workspace, outlook)| {
+            outlook.fit(self.cells);
+            work(workspace.start(self.cells, vertices, self.vectors), outlook)
+        })
     }
 }
 

@@ -14,7 +14,7 @@ use super::token;
 /// Most lanes of a block.
 pub const LANES: usize = 8;
 /// Lanes of blocks from so many bytes on. Lanes make decoding fast, but the end of each costs about 15 bits.
-const LANES_FROM: [(usize, usize); 3] = [(640, LANES), (384, 4), (0, 2)];
+const LANES_FROM: [(usize, usize); 3] = [(448, LANES), (256, 4), (0, 2)];
 /// Where every state ends, and the least that one is between two symbols.
 pub(super) const LEAST: u32 = SLOTS as u32;
 /// Bits of a state's bit length, less those of [`LEAST`].

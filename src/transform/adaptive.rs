@@ -184,6 +184,7 @@ const RIM: usize = 1;
 pub(super) const ROW_RIM: usize = 2;
 
 /// A diamond in the making: its vertices, and of the centres what the next row needs.
+#[derive(Default)]
 pub(super) struct Neighbourhood<T> {
     pub(super) cells: usize,
     /// Entries from one row of `vertices` to the next.
@@ -229,35 +230,35 @@ widened! {
 }
 
 impl<T: Word> Neighbourhood<T> {
-    /// A diamond with the (N+1)^2 `vertices`, whose least and greatest are given, at its first row of
+    /// Begins with the (N+1)^2 `vertices` of a diamond, whose least and greatest are given, at its first row of
     /// centres.
-    fn new(
-        cells: usize,
-        vertices: &[i32],
-        [low, high]: [i32; 2],
-        vectors: bool,
-    ) -> Neighbourhood<T> {
+    fn start(&mut self, cells: usize, vertices: &[i32], [low, high]: [i32; 2], vectors: bool) {
         let span = i64::from(high) - i64::from(low);
-        let shifts = 0..i32::BITS;
         let fits = |shift: &u32| span >> shift <= 2 * i64::from(T::REACH);
         let side = cells + 1;
-        let stride = side + 2 * RIM + VECTOR_SLACK;
-        let row = || vec![T::default(); cells + 2 * ROW_RIM + VECTOR_SLACK];
-        let mut neighbourhood = Neighbourhood {
-            cells,
-            stride,
-            base: ((i64::from(low) + i64::from(high)) >> 1) as i32,
-            shift: shifts.into_iter().find(fits).unwrap_or(0),
-            vertices: vec![T::default(); (side + 2 * RIM) * stride + VECTOR_SLACK],
-            surprises: [row(), row()],
-            above: row(),
-            expected: row(),
-            companion: row(),
-            row: 0,
-            kernels: if vectors { T::kernels(cells) } else { None },
-        };
-        neighbourhood.fill(vertices);
-        neighbourhood
+        self.base = ((i64::from(low) + i64::from(high)) >> 1) as i32;
+        self.shift = (0..i32::BITS).find(fits).unwrap_or(0);
+        self.row = 0;
+        self.kernels = if vectors { T::kernels(cells) } else { None };
+        if self.cells != cells {
+            self.cells = cells;
+            self.stride = side + 2 * RIM + VECTOR_SLACK;
+            let all = (side + 2 * RIM) * self.stride + VECTOR_SLACK;
+            self.vertices.resize(all, T::default());
+        }
+        let row = cells + 2 * ROW_RIM + VECTOR_SLACK;
+        let [newest, older] = &mut self.surprises;
+        for rows in [
+            newest,
+            older,
+            &mut self.above,
+            &mut self.companion,
+            &mut self.expected,
+        ] {
+            rows.clear();
+            rows.resize(row, T::default());
+        }
+        self.fill(vertices);
     }
 
     /// Places the vertices and copies the outermost into the rim.
@@ -390,12 +391,10 @@ pub struct Outlook {
 }
 
 impl Outlook {
-    /// Room for rows of `cells` centres.
-    pub fn new(cells: usize) -> Outlook {
-        Outlook {
-            contexts: vec![0; cells],
-            predictions: vec![0; cells],
-        }
+    /// Makes room for rows of `cells` centres.
+    pub fn fit(&mut self, cells: usize) {
+        self.contexts.resize(cells, 0);
+        self.predictions.resize(cells, 0);
     }
 }
 
@@ -424,24 +423,30 @@ pub trait Surroundings {
     fn quarters(&self, height: i32) -> f64;
 }
 
-/// The surroundings of the N^2 centres of a diamond with these (N+1)^2 vertices. `vectors` allows what the
-/// processor has, to the same result.
-pub fn surroundings(cells: usize, vertices: &[i32], vectors: bool) -> Box<dyn Surroundings> {
-    let [low, high] = extremes(vertices);
-    if i64::from(high) - i64::from(low) > 2 * i64::from(i16::REACH) {
-        return Box::new(Neighbourhood::<i32>::new(
-            cells,
-            vertices,
-            [low, high],
-            vectors,
-        ));
+/// Room for a diamond at a time.
+#[derive(Default)]
+pub struct Workspace {
+    narrow: Neighbourhood<i16>,
+    wide: Neighbourhood<i32>,
+}
+
+impl Workspace {
+    /// The surroundings of the N^2 centres of a diamond with these (N+1)^2 vertices. `vectors` allows what
+    /// the processor has, to the same result.
+    pub fn start(
+        &mut self,
+        cells: usize,
+        vertices: &[i32],
+        vectors: bool,
+    ) -> &mut dyn Surroundings {
+        let [low, high] = extremes(vertices);
+        if i64::from(high) - i64::from(low) > 2 * i64::from(i16::REACH) {
+            self.wide.start(cells, vertices, [low, high], vectors);
+            return &mut self.wide;
+        }
+        self.narrow.start(cells, vertices, [low, high], vectors);
+        &mut self.narrow
     }
-    Box::new(Neighbourhood::<i16>::new(
-        cells,
-        vertices,
-        [low, high],
-        vectors,
-    ))
 }
 
 impl<T: Word> Surroundings for Neighbourhood<T> {

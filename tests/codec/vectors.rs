@@ -1,6 +1,6 @@
 //! Vectors give what the portable functions give, to the bit.
 
-use kimberlite::transform::adaptive::{Outlook, Weights, surroundings};
+use kimberlite::transform::adaptive::{Outlook, Weights, Workspace};
 use proptest::prelude::*;
 
 /// Rows of numbers up to about `2^bits`.
@@ -44,12 +44,18 @@ proptest! {
         let side = cells + 1;
         let vertices: Vec<i32> = noise(seed, side * side, vertex_bits).iter().map(|v| v + base).collect();
         let weights = any_weights(seed ^ 1, weight_bits);
-        let mut pair = [false, true].map(|vectors| surroundings(cells, &vertices, vectors));
+        let mut rooms = [Workspace::default(), Workspace::default()];
+        let [portable, vectors] = &mut rooms;
+        let mut pair = [
+            portable.start(cells, &vertices, false),
+            vectors.start(cells, &vertices, true),
+        ];
         let rows = noise(seed ^ 2, cells * cells, centre_bits);
         for row in rows.chunks_exact(cells) {
             let centres: Vec<i32> = row.iter().map(|c| c.wrapping_add(base)).collect();
             let outlooks = pair.each_mut().map(|surroundings| {
-                let mut outlook = Outlook::new(cells);
+                let mut outlook = Outlook::default();
+                outlook.fit(cells);
                 surroundings.foresee(&weights, &mut outlook);
                 surroundings.complete(&centres);
                 outlook
@@ -71,11 +77,17 @@ proptest! {
         let side = cells + 1;
         let vertices = noise(seed, side * side, vertex_bits);
         let weights = any_weights(seed ^ 1, 8);
-        let mut pair = [false, true].map(|vectors| surroundings(cells, &vertices, vectors));
+        let mut rooms = [Workspace::default(), Workspace::default()];
+        let [portable, vectors] = &mut rooms;
+        let mut pair = [
+            portable.start(cells, &vertices, false),
+            vectors.start(cells, &vertices, true),
+        ];
         let rows = noise(seed ^ 2, cells * cells, coefficient_bits);
         for row in rows.chunks_exact(cells) {
             let contexts = pair.each_mut().map(|surroundings| {
-                let mut outlook = Outlook::new(cells);
+                let mut outlook = Outlook::default();
+                outlook.fit(cells);
                 surroundings.accompany(row, step);
                 surroundings.foresee_contexts(&weights, &mut outlook);
                 surroundings.complete_coefficients(row, step);
