@@ -45,6 +45,7 @@ fn filtering() -> impl Strategy<Value = BuildOptions> {
         rms_error,
         cells_log2: 4,
         threads: 1,
+        ..BuildOptions::default()
     };
     prop_oneof![
         Just(options(TransformKind::Lifted, 0.0, None)),
