@@ -1,5 +1,6 @@
-//! The root's vertex matrix as bytes (`docs/format.md`): the void mask, then residuals against the
-//! median of the left, upper and planar neighbours, as adaptive binary decisions.
+//! The root's vertex matrix as bytes (`docs/format.md`): one component after the other, the first with
+//! the void mask, as residuals against the median of the left, upper and planar neighbours, in adaptive
+//! binary decisions.
 
 use super::{BlockError, Matrix};
 use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
@@ -9,64 +10,75 @@ use crate::transform::Quantiser;
 /// Codes the (N+1)^2 vertices of a root.
 pub struct RootCodec<'a> {
     lattice: &'a Lattice,
-    quantiser: Quantiser,
-    range: [i32; 2],
+    /// Of each component.
+    quantisers: Vec<Quantiser>,
 }
 
 impl<'a> RootCodec<'a> {
-    /// A codec for the root of `lattice`, with the quantiser's bound e and the range of
-    /// heights that the repository's transform can make.
-    pub fn new(lattice: &'a Lattice, bound: i32, range: [i32; 2]) -> RootCodec<'a> {
-        let quantiser = Quantiser::new(bound, range[0], range[1]);
+    /// A codec for the root of `lattice`, with the quantiser of each component, whose range is that which the
+    /// repository's transform can make.
+    pub fn new(lattice: &'a Lattice, quantisers: Vec<Quantiser>) -> RootCodec<'a> {
         RootCodec {
             lattice,
-            quantiser,
-            range,
+            quantisers,
         }
     }
 
-    /// Bytes for the root's vertices; `samples` gives the unit of a sample by column and row, or `None`
-    /// for a void.
-    pub fn encode(&self, samples: impl Fn([i64; 2]) -> Option<i32>) -> Vec<u8> {
+    /// Bytes for the root's vertices; `samples` gives a component of a sample by its number and by column
+    /// and row, in units, or `None` for a void.
+    pub fn encode(&self, samples: impl Fn(usize, [i64; 2]) -> Option<i32>) -> Vec<u8> {
         let mut encoder = BinaryEncoder::new();
-        let mut model = Model::new();
-        self.scan(|at, void_context, prediction| {
-            let sample = samples(at);
-            encoder.encode(sample.is_none(), &mut model.void[void_context]);
-            sample.map(|sample| {
-                let coefficient = self.quantiser.quantise(sample, prediction);
-                model.encode(&mut encoder, coefficient);
-                self.quantiser.reconstruct(coefficient, prediction)
-            })
-        });
+        for (component, quantiser) in self.quantisers.iter().enumerate() {
+            let mut model = Model::new();
+            self.scan(quantiser, |vertex, prediction| {
+                let sample = samples(component, vertex.at);
+                if component == 0 {
+                    encoder.encode(sample.is_none(), &mut model.void[vertex.voids_before]);
+                }
+                sample.map(|sample| {
+                    let coefficient = quantiser.quantise(sample, prediction);
+                    model.encode(&mut encoder, coefficient);
+                    quantiser.reconstruct(coefficient, prediction)
+                })
+            });
+        }
         encoder.finish()
     }
 
     /// The root's vertex matrix.
     pub fn decode(&self, bytes: &[u8]) -> Result<Matrix, BlockError> {
         let mut decoder = BinaryDecoder::new(bytes);
-        let mut model = Model::new();
-        let mut matrix = self.scan(|_, void_context, prediction| {
-            let void = decoder.decode(&mut model.void[void_context]);
-            (!void).then(|| {
-                let coefficient = model.decode(&mut decoder);
-                self.quantiser.reconstruct(coefficient, prediction)
-            })
-        });
-        self.carry_nearest(&mut matrix);
-        Ok(matrix)
+        let mut values = Vec::new();
+        let mut valid: Option<Box<[u8]>> = None;
+        for quantiser in &self.quantisers {
+            let mut model = Model::new();
+            let (mut own, own_valid) = self.scan(quantiser, |vertex, prediction| {
+                let is_void = match &valid {
+                    None => decoder.decode(&mut model.void[vertex.voids_before]),
+                    Some(valid) => valid[vertex.index] == 0,
+                };
+                (!is_void).then(|| {
+                    let coefficient = model.decode(&mut decoder);
+                    quantiser.reconstruct(coefficient, prediction)
+                })
+            });
+            self.carry_nearest(middle(quantiser), &own_valid, &mut own);
+            values.extend(own);
+            valid = Some(own_valid);
+        }
+        Ok(Matrix::new(values.into(), valid.unwrap_or_default()))
     }
 
-    fn middle(&self) -> i32 {
-        ((i64::from(self.range[0]) + i64::from(self.range[1])) >> 1) as i32
-    }
-
-    /// Visits the vertices inside the raster row by row. `visit` gets the position, the number of void
-    /// neighbours before it and the prediction, and returns the height unless void.
-    fn scan(&self, mut visit: impl FnMut([i64; 2], usize, i32) -> Option<i32>) -> Matrix {
+    /// Visits the vertices inside the raster row by row. `visit` gets the vertex and the prediction, and
+    /// returns the height unless void. Gives the heights and which are valid.
+    fn scan(
+        &self,
+        quantiser: &Quantiser,
+        mut visit: impl FnMut(Vertex, i32) -> Option<i32>,
+    ) -> (Box<[i32]>, Box<[u8]>) {
         let side = self.lattice.cells() + 1;
         let placement = self.lattice.placement(self.lattice.root());
-        let middle = self.middle();
+        let (middle, [low, high]) = (middle(quantiser), quantiser.range());
         let mut values = vec![middle; side * side].into_boxed_slice();
         let mut valid = vec![0u8; side * side].into_boxed_slice();
         for index in 0..side * side {
@@ -82,27 +94,28 @@ impl<'a> RootCodec<'a> {
                 (Some(only), None) | (None, Some(only)) => values[only],
                 (None, None) => middle,
             };
-            let prediction = prediction.clamp(self.range[0], self.range[1]);
-            let voids = [left, up]
-                .into_iter()
-                .flatten()
-                .filter(|&n| valid[n] == 0)
-                .count();
-            let height = visit(at, voids, prediction);
+            let prediction = prediction.clamp(low, high);
+            let before = [left, up].into_iter().flatten();
+            let vertex = Vertex {
+                index,
+                at,
+                voids_before: before.filter(|&n| valid[n] == 0).count(),
+            };
+            let height = visit(vertex, prediction);
             valid[index] = u8::from(height.is_some());
             values[index] = height.unwrap_or(prediction);
         }
-        Matrix::new(values, valid)
+        (values, valid)
     }
 
     /// Gives each vertex that is not valid the height of the nearest valid one.
-    fn carry_nearest(&self, matrix: &mut Matrix) {
-        let Some(valid) = &matrix.valid else { return };
+    fn carry_nearest(&self, middle: i32, valid: &[u8], values: &mut [i32]) {
         let side = self.lattice.cells() + 1;
-        let known: Vec<usize> = (0..side * side)
-            .filter(|&index| valid[index] != 0)
-            .collect();
-        let middle = self.middle();
+        let is_known = |index: &usize| valid[*index] != 0;
+        let known: Vec<usize> = (0..side * side).filter(is_known).collect();
+        if known.len() == side * side {
+            return;
+        }
         let nearest = |index: usize| {
             let square = |other: usize| {
                 let (di, dj) = (
@@ -113,19 +126,25 @@ impl<'a> RootCodec<'a> {
             };
             known.iter().copied().min_by_key(|&other| square(other))
         };
-        let carried: Vec<(usize, i32)> = (0..side * side)
-            .filter(|&index| valid[index] == 0)
-            .map(|index| {
-                (
-                    index,
-                    nearest(index).map_or(middle, |other| matrix.values[other]),
-                )
-            })
-            .collect();
-        for (index, height) in carried {
-            matrix.values[index] = height;
+        for index in (0..side * side).filter(|index| !is_known(index)) {
+            values[index] = nearest(index).map_or(middle, |other| values[other]);
         }
     }
+}
+
+/// A vertex on the way over the root.
+struct Vertex {
+    index: usize,
+    /// Column and row.
+    at: [i64; 2],
+    /// How many of its left and its upper neighbour are not valid.
+    voids_before: usize,
+}
+
+/// The middle of a quantiser's range.
+fn middle(quantiser: &Quantiser) -> i32 {
+    let [low, high] = quantiser.range().map(i64::from);
+    ((low + high) >> 1) as i32
 }
 
 /// The median of left, up and left + up - corner: the edge detecting predictor of LOCO-I (Weinberger,

@@ -12,6 +12,8 @@
 pub const FEATURES: usize = 16;
 /// Numbers that an activity is a weighted sum of.
 pub const ACTIVITIES: usize = 12;
+/// Components before that tell of one.
+pub const COMPANIONS: usize = 2;
 /// Bits after the binary point of a prediction's weight.
 pub const WEIGHT_BITS: u32 = 10;
 /// Classes of activity, each with weights of its own: one an octave.
@@ -28,6 +30,8 @@ pub struct Weights {
     pub activity: [i16; ACTIVITIES],
     /// Quarter octaves of activity below which the context is 0.
     pub first_context: i32,
+    /// For each component before by how much its residual moves the prediction in each class, in 2^-10.
+    pub companions: [[i16; CLASSES]; COMPANIONS],
 }
 
 impl Weights {
@@ -42,6 +46,7 @@ impl Weights {
             prediction,
             activity,
             first_context: 40,
+            companions: [[0; CLASSES]; COMPANIONS],
         }
     }
 
