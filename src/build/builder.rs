@@ -273,7 +273,7 @@ impl<'a> Coders<'a> {
         let roots = RootCodec::new(lattice, components.quantisers(&transforms, None));
         let adaptive = match &options.tables {
             Some(model) => model.adaptive,
-            None => options.adaptive && kind == TransformKind::Interpolating,
+            None => options.adaptive && kind != TransformKind::TwoStage && (kind == TransformKind::Interpolating || components.count() > 1 || std::env::var("AL").is_ok()),
         };
         let listed = match components {
             Components::Height(units) if adaptive => list_heights(levels, units.range, units.bound),

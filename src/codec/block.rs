@@ -165,7 +165,7 @@ impl BlockCodec {
         for (component, part) in self.parts(vertices, target).enumerate() {
             let (transform, coder) = (&self.transforms[component], &symbols[component]);
             let step = coder.step();
-            if coder.is_adaptive() {
+            if coder.is_adaptive() && !transform.is_filtering() {
                 let task = known.task(0, component, validity.centres, part.own);
                 let weights = &weights[task.matrix];
                 let centres = coder.trace_centres(weights, &task, part.target.centres, &mut trace);
@@ -272,7 +272,7 @@ impl BlockCodec {
         for (component, part) in self.parts(vertices, target).enumerate() {
             let (transform, coder) = (&self.transforms[component], &symbols[component]);
             let step = coder.step();
-            if coder.is_adaptive() {
+            if coder.is_adaptive() && !transform.is_filtering() {
                 let task = known.task(0, component, validity.centres, part.own);
                 let (trainer, fit) = (&trainers[task.matrix], &mut fits[task.matrix]);
                 let shown = coder.show_centres(trainer, fit, &task, part.target.centres);
@@ -386,7 +386,7 @@ impl BlockCodec {
             self.components(vertices).zip(parts).enumerate()
         {
             let is_last = component + 1 == symbols.len();
-            if coder.is_adaptive() {
+            if coder.is_adaptive() && !transform.is_filtering() {
                 let task = known.task(0, component, validity.centres, own);
                 let mut kept = (!is_last).then(Vec::new);
                 let centres =

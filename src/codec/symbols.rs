@@ -233,10 +233,11 @@ impl SymbolCoder {
             own_contexts(&mut outlook.contexts, task, row, Some(model));
             let coded = &mut coded[row * self.cells..(row + 1) * self.cells];
             decoder.decode(&outlook.contexts, coded);
-            for ((entry, &coded), &prediction) in
-                entries.iter_mut().zip(&*coded).zip(&outlook.predictions)
-            {
-                *entry = coded.wrapping_add(prediction);
+            for (i, (entry, &coded)) in entries.iter_mut().zip(&*coded).enumerate() {
+                let start = row * self.cells;
+                if task.coded.is_none_or(|coded| coded[start + i] != 0) {
+                    *entry = coded.wrapping_add(outlook.predictions[i]);
+                }
             }
         });
         (entries, coded)
@@ -275,21 +276,26 @@ impl SymbolCoder {
         let cells = self.cells;
         let mut surroundings = surroundings(cells, task.vertices, self.vectors);
         let step = surroundings.quarters(self.quantiser.step()) - surroundings.quarters(0);
-        let mut predictions = vec![0; cells];
+        let mut outlook = Outlook::new(cells);
         let mut coded = Vec::with_capacity(cells * cells);
         for (j, row) in entries.chunks_exact(cells).enumerate() {
             let company = self.accompany(&mut *surroundings, task, j);
+            self.foresee_coefficients(
+                &mut *surroundings,
+                task,
+                j,
+                &company,
+                trainer.weights(),
+                &mut outlook,
+            );
             for (i, &coefficient) in row.iter().enumerate() {
                 if task.coded.is_none_or(|coded| coded[j * cells + i] != 0) {
                     let (sight, activity) = surroundings.sight(i, trainer.weights());
-                    let weights = trainer.weights();
-                    predictions[i] =
-                        company.coefficient(i, weights, weights.context(activity), self.step());
+                    let left = coefficient.wrapping_sub(outlook.predictions[i]);
                     let told = company.told(i, &*surroundings);
-                    let miss = f64::from(coefficient) * step;
-                    let left = f64::from(coefficient.wrapping_sub(predictions[i])) * step;
-                    trainer.see(fit, &sight, activity, [miss, left], told, step);
-                    coded.push(coefficient.wrapping_sub(predictions[i]));
+                    let misses = [f64::from(coefficient) * step, f64::from(left) * step];
+                    trainer.see(fit, &sight, activity, misses, told, step);
+                    coded.push(left);
                 } else {
                     coded.push(0);
                 }
@@ -332,11 +338,35 @@ impl SymbolCoder {
         let mut outlook = Outlook::new(self.cells);
         for (index, row) in coefficients.chunks_exact_mut(self.cells).enumerate() {
             let company = self.accompany(&mut *surroundings, task, index);
-            surroundings.foresee_contexts(weights, &mut outlook);
-            company.predict(weights, self.step(), &mut outlook);
+            self.foresee_coefficients(
+                &mut *surroundings,
+                task,
+                index,
+                &company,
+                weights,
+                &mut outlook,
+            );
             visit(index, &mut outlook, row);
             surroundings.complete_coefficients(row, self.step());
         }
+    }
+
+    fn foresee_coefficients(
+        &self,
+        surroundings: &mut dyn Surroundings,
+        task: &Task,
+        row: usize,
+        company: &Company,
+        weights: &Weights,
+        outlook: &mut Outlook,
+    ) {
+        if self.adaptive {
+            surroundings.foresee_details(weights, outlook);
+        } else {
+            surroundings.foresee_contexts(weights, outlook);
+            outlook.predictions.fill(0);
+        }
+        company.predict(weights, self.step(), outlook);
     }
 
     /// Tells the surroundings of what is known at the places of a row.
@@ -415,21 +445,17 @@ impl Company<'_> {
     }
 
     /// The prediction of a coefficient that is worth `step` units.
-    fn coefficient(&self, i: usize, weights: &Weights, context: usize, step: i32) -> i32 {
+    fn coefficient(&self, i: usize, weights: &Weights, context: usize, own: i32, step: i32) -> i32 {
         let unit = i64::from(step) << WEIGHT_BITS;
-        let scaled = self.scaled(i, weights, context);
+        let scaled = self.scaled(i, weights, context) + i64::from(own);
         (scaled + unit / 2).div_euclid(unit) as i32
     }
 
-    /// The predictions of coefficients.
+    /// The predictions of coefficients from those of details in units.
     fn predict(&self, weights: &Weights, step: i32, outlook: &mut Outlook) {
-        if self.0[0].is_none() {
-            outlook.predictions.fill(0);
-            return;
-        }
         for (i, prediction) in outlook.predictions.iter_mut().enumerate() {
             let context = usize::from(outlook.contexts[i]);
-            *prediction = self.coefficient(i, weights, context, step);
+            *prediction = self.coefficient(i, weights, context, *prediction, step);
         }
     }
 

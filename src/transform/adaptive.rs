@@ -363,6 +363,10 @@ pub trait Surroundings {
     /// Contexts of the row at hand, for coefficients whose predictions are made elsewhere.
     fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook);
 
+    /// Contexts of the row at hand, and predictions of the details beside the mean of the 4 nearest vertices,
+    /// in units times 2^10.
+    fn foresee_details(&self, weights: &Weights, outlook: &mut Outlook);
+
     /// Ends a row whose centres were foreseen and are known now.
     fn complete(&mut self, centres: &[i32], outlook: &Outlook);
 
@@ -412,6 +416,21 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
     fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook) {
         for (i, context) in outlook.contexts.iter_mut().enumerate() {
             *context = weights.context(self.look(i).activity::<T>(weights)) as u8;
+        }
+    }
+
+    fn foresee_details(&self, weights: &Weights, outlook: &mut Outlook) {
+        for i in 0..self.cells {
+            let sight = self.look(i);
+            let context = weights.context(sight.activity::<T>(weights));
+            let class = Weights::class(context);
+            let correction = sight.features.iter().zip(&weights.prediction);
+            let total = correction.fold(2, |total, (&feature, weights)| {
+                total + i64::from(feature) * i64::from(weights[class])
+            });
+            let detail = T::wrap(total) >> 2 << self.shift;
+            outlook.contexts[i] = context as u8;
+            outlook.predictions[i] = detail.clamp(-1 << 30, 1 << 30) as i32;
         }
     }
 
