@@ -168,8 +168,8 @@ impl BlockCodec {
             if coder.is_adaptive() && !transform.is_filtering() {
                 let task = known.task(0, component, validity.centres, part.own);
                 let weights = &weights[task.matrix];
-                let centres = coder.trace_centres(weights, &task, part.target.centres, &mut trace);
-                known.add(0, trace.last(self.cells), step);
+                let (centres, kept) = coder.trace_centres(weights, &task, part.target.centres, &mut trace);
+                known.add(0, kept, step);
                 all.push(Synthesis {
                     vertices: None,
                     centres,
@@ -179,8 +179,8 @@ impl BlockCodec {
             let coefficients = transform.analyse(validity, part.own, part.target);
             for_each_matrix(&**transform, validity, &coefficients, |kind, coded, entries| {
                 let task = known.task(kind, component, coded, part.own);
-                coder.trace_coefficients(&weights[task.matrix], &task, entries, &mut trace);
-                known.add(kind, trace.last(self.cells), step);
+                let kept = coder.trace_coefficients(&weights[task.matrix], &task, entries, &mut trace);
+                known.add(kind, kept, step);
             });
             all.push(transform.synthesise(validity, part.own, &coefficients));
         }

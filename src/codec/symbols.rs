@@ -139,6 +139,7 @@ impl SymbolCoder {
             if let Some(decoder) = &mut decoder {
                 own_contexts(&mut outlook.contexts, task, row, Some(model));
                 decoder.decode(&outlook.contexts, centres);
+                for (c, &f) in centres.iter_mut().zip(&outlook.fractions) { if f < 0 { *c = c.wrapping_neg(); } }
             }
             if let Some(kept) = &mut kept {
                 kept.extend_from_slice(centres);
@@ -156,8 +157,9 @@ impl SymbolCoder {
         task: &Task,
         target: &[i32],
         trace: &mut Trace,
-    ) -> Box<[i32]> {
+    ) -> (Box<[i32]>, Vec<i32>) {
         let cells = self.cells;
+        let mut kept = Vec::new();
         let [low, high] = self.quantiser.range();
         let mut centres = vec![0; cells * cells].into_boxed_slice();
         self.walk_centres(task, weights, &mut centres, |row, outlook, centres| {
@@ -170,11 +172,12 @@ impl SymbolCoder {
                 }
             }
             trace.contexts.extend_from_slice(&outlook.contexts);
-            trace.coefficients.extend_from_slice(centres);
+            kept.extend_from_slice(centres);
+            trace.coefficients.extend(centres.iter().zip(&outlook.fractions).map(|(c, &f)| if f < 0 { c.wrapping_neg() } else { *c }));
             self.quantiser
                 .reconstruct_row(&outlook.predictions, centres);
         });
-        centres
+        (centres, kept)
     }
 
     /// Shows a trainer the centres of `target`; gives their coefficients.
@@ -233,9 +236,10 @@ impl SymbolCoder {
             own_contexts(&mut outlook.contexts, task, row, Some(model));
             let coded = &mut coded[row * self.cells..(row + 1) * self.cells];
             decoder.decode(&outlook.contexts, coded);
-            for (i, (entry, &coded)) in entries.iter_mut().zip(&*coded).enumerate() {
+            for (i, (entry, coded)) in entries.iter_mut().zip(coded).enumerate() {
                 let start = row * self.cells;
                 if task.coded.is_none_or(|coded| coded[start + i] != 0) {
+                    if outlook.fractions[i] < 0 { *coded = coded.wrapping_neg(); }
                     *entry = coded.wrapping_add(outlook.predictions[i]);
                 }
             }
@@ -250,7 +254,8 @@ impl SymbolCoder {
         task: &Task,
         entries: &[i32],
         trace: &mut Trace,
-    ) {
+    ) -> Vec<i32> {
+        let mut kept: Vec<i32> = Vec::new();
         let mut own = entries.to_vec();
         self.walk_coefficients(task, weights, &mut own, |row, outlook, entries| {
             own_contexts(&mut outlook.contexts, task, row, None);
@@ -260,9 +265,12 @@ impl SymbolCoder {
                 UNCODED => 0,
                 _ => entry.wrapping_sub(prediction),
             });
-            trace.coefficients.extend(coded);
+            let start = kept.len();
+            kept.extend(coded);
+            trace.coefficients.extend(kept[start..].iter().zip(&outlook.fractions).map(|(c, &f)| if f < 0 { c.wrapping_neg() } else { *c }));
             trace.contexts.extend_from_slice(&outlook.contexts);
         });
+        kept
     }
 
     /// Shows the trainer of a matrix its coefficients; gives what is coded of them.
@@ -437,8 +445,9 @@ impl Company<'_> {
         }
         let contexts = outlook.contexts.iter().enumerate();
         for ((i, &context), prediction) in contexts.zip(&mut outlook.predictions) {
-            let scaled = self.scaled(i, weights, usize::from(context));
+            let scaled = self.scaled(i, weights, usize::from(context)) + i64::from(outlook.fractions[i]);
             let offset = (scaled + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS;
+            outlook.fractions[i] = (scaled - (offset << WEIGHT_BITS)) as i32;
             let sum = i64::from(*prediction) + offset;
             *prediction = sum.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
         }
@@ -455,7 +464,10 @@ impl Company<'_> {
     fn predict(&self, weights: &Weights, step: i32, outlook: &mut Outlook) {
         for (i, prediction) in outlook.predictions.iter_mut().enumerate() {
             let context = usize::from(outlook.contexts[i]);
-            *prediction = self.coefficient(i, weights, context, *prediction, step);
+            let own = *prediction;
+            *prediction = self.coefficient(i, weights, context, own, step);
+            let scaled = self.scaled(i, weights, context) + i64::from(own);
+            outlook.fractions[i] = if scaled < i64::from(*prediction) * (i64::from(step) << WEIGHT_BITS) { -1 } else { 0 };
         }
     }
 

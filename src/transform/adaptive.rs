@@ -339,6 +339,8 @@ pub struct Outlook {
     pub contexts: Vec<u8>,
     /// Predicted heights, not yet clamped to any range.
     pub predictions: Vec<i32>,
+    /// What rounding took from each, in units times 2^10: -512 to 511.
+    pub fractions: Vec<i32>,
     /// Where a centre is expected by order 4, in quarters of a shifted unit.
     pub(super) expected: Vec<i32>,
 }
@@ -349,6 +351,7 @@ impl Outlook {
         Outlook {
             contexts: vec![0; cells],
             predictions: vec![0; cells],
+            fractions: vec![0; cells],
             expected: vec![0; cells],
         }
     }
@@ -407,6 +410,7 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
                 total + i64::from(feature) * i64::from(weights[class])
             });
             let offset = T::wrap(total) >> (WEIGHT_BITS + 2) << self.shift;
+            outlook.fractions[i] = if self.shift > 0 { 0 } else { (T::wrap(total) >> 2 & 1023) as i32 - 512 };
             outlook.contexts[i] = context as u8;
             outlook.predictions[i] = (i64::from(self.base) + offset) as i32;
             outlook.expected[i] = saturate::<T>(sight.order_two + sight.order_four);
