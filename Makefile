@@ -1,6 +1,6 @@
 # make demo    on a fresh Debian: installs what is missing, builds, flies over data/'s Puget Sound, leaves pictures in target/demo
 # make check   every test and check of the project
-# make sweep   DATA=folder: builds, verifies and extracts every raster of a folder at three maximum errors
+# make sweep   DATA=folder: builds, verifies and extracts every raster of a folder by every transform at three errors
 # make peers   measures other codecs and ours on the same rasters at the same maximum errors; DATA=folder, ARGS=more options
 # make chart   the same for the charts of docs/charts/, and redraws them; ARGS=--redraw draws the last measurements again, IMAGE=file adds colour
 # make header  regenerates include/kimberlite.h

@@ -194,6 +194,14 @@ static void refuse_options(void)
     CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_builder_create(&bad, &builder));
     bad = good, bad.cells = 48;
     CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_builder_create(&bad, &builder));
+    bad = good, bad.transform = 3;
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_builder_create(&bad, &builder));
+    bad = good, bad.transform = KMB_TRANSFORM_LIFTED, bad.max_error = 1;
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_builder_create(&bad, &builder));
+    bad = good, bad.transform = KMB_TRANSFORM_TWO_STAGE, bad.rms_error = 1;
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_builder_create(&bad, &builder));
+    bad = good, bad.transform = KMB_TRANSFORM_LIFTED, bad.rms_error = NAN;
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_builder_create(&bad, &builder));
     for (size_t i = 0; i < sizeof WRONG / sizeof *WRONG; i++) {
         bad = good, bad.struct_size = WRONG[i];
         CHECK_STATUS(KMB_INVALID_STRUCT_SIZE, kmb_builder_create(&bad, &builder));

@@ -177,6 +177,30 @@ static void voids(const char *path)
     kmb_repository_close(repository);
 }
 
+static void transforms(const char *path)
+{
+    const uint32_t kinds[3] = {KMB_TRANSFORM_LIFTED, KMB_TRANSFORM_LIFTED, KMB_TRANSFORM_TWO_STAGE};
+    const double max_errors[3] = {0, 0, 3}, rms_errors[3] = {0, 2, 0};
+    for (int i = 0; i < 3; i++) {
+        kmb_builder_options options = rough_options(max_errors[i]);
+        kmb_builder *builder = NULL;
+        kmb_build_report report = {.struct_size = sizeof report};
+        kmb_repository *repository = NULL;
+        kmb_repository_info info = {.struct_size = sizeof info};
+        options.transform = kinds[i];
+        options.rms_error = rms_errors[i];
+        CHECK_STATUS(KMB_OK, kmb_builder_create(&options, &builder));
+        CHECK_STATUS(KMB_OK, kmb_builder_write(builder, rough_rows, NULL, NULL, NULL, path, &report));
+        kmb_builder_destroy(builder);
+        CHECK(rms_errors[i] > 0 ? report.rms_error <= rms_errors[i] : report.max_error <= max_errors[i]);
+        CHECK_STATUS(KMB_OK, kmb_repository_open(path, NULL, &repository));
+        CHECK_STATUS(KMB_OK, kmb_repository_describe(repository, &info));
+        CHECK(info.max_error == report.max_error && info.max_error <= info.max_error_bound);
+        CHECK(info.lossless == (i == 0));
+        kmb_repository_close(repository);
+    }
+}
+
 static void failures(char **words)
 {
     const char *path = path_in(words, "never.kmb");
@@ -245,6 +269,7 @@ int main(int count, char **words)
     CHECK_STATUS(KMB_OK, kmb_set_log_callback(log_message, &messages));
     round_trip(path_in(words, "round_trip.kmb"));
     voids(path_in(words, "voids.kmb"));
+    transforms(path_in(words, "transforms.kmb"));
     failures(words);
     damage(words);
     CHECK_STATUS(KMB_OK, kmb_set_log_callback(NULL, NULL));

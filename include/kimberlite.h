@@ -694,6 +694,18 @@ kmb_status kmb_cut_grid_to_world(const struct kmb_cut *cut, struct kmb_grid_to_w
  * Builders: from rows to repositories
  * ================================================================================================ */
 
+// How a raster becomes levels, and what its error is.
+typedef enum kmb_transform {
+    // Coarse levels are samples of the finest. No vertex of any level is off by more than the
+    // maximum error.
+    KMB_TRANSFORM_INTERPOLATING = 0,
+    // Coarse levels are filtered. Lossless, or within a root mean square error.
+    KMB_TRANSFORM_LIFTED = 1,
+    // Coarse levels are filtered. No sample is off by more than the maximum error, nor any vertex
+    // of a coarser level from the filtered one.
+    KMB_TRANSFORM_TWO_STAGE = 2,
+} kmb_transform;
+
 // What is to be built: a raster's description, and how to code it.
 typedef struct kmb_builder kmb_builder;
 
@@ -708,12 +720,19 @@ typedef struct kmb_builder_options {
     // Rows; at least 2.
     uint32_t height;
     // Largest allowed difference between a decoded sample and the input's, in sample units; 0 is
-    // lossless for integers.
+    // lossless for integers. KMB_TRANSFORM_LIFTED takes only 0.
     double max_error;
     // Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
     uint32_t cells;
     // Threads to use, or 0 for one a core. The file does not depend on it.
     uint32_t threads;
+    // A kmb_transform.
+    uint32_t transform;
+    // 0.
+    uint32_t reserved;
+    // For KMB_TRANSFORM_LIFTED: largest allowed root mean square difference, in sample units, or 0
+    // for lossless. The largest difference that comes with it is in the report and in the file.
+    double rms_error;
 } kmb_builder_options;
 
 // Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
@@ -756,7 +775,8 @@ typedef struct kmb_build_report {
 //
 // May be called from any thread at any time.
 //
-// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for errors that the transform cannot keep),
+// KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
 kmb_status kmb_builder_create(const struct kmb_builder_options *options,
                               struct kmb_builder **builder);
 

@@ -27,6 +27,7 @@ pub mod schedule;
 pub mod store;
 pub mod tool;
 pub mod transform;
+mod vectors;
 
 pub use error::{Error, Result};
 pub use log::{LogLevel, set_log_callback};

@@ -26,7 +26,11 @@ const SECTIONS: [(&str, &str, &[&str]); 6] = [
     ),
     ("Patches: what is drawn", "patch", &[]),
     ("Cuts: from views to patches", "cut", &["kmb_vertex_form"]),
-    ("Builders: from rows to repositories", "builder", &[]),
+    (
+        "Builders: from rows to repositories",
+        "builder",
+        &["kmb_transform"],
+    ),
 ];
 
 fn section(root: &Path, file: &str, types: &[&str]) -> String {

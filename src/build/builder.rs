@@ -9,7 +9,7 @@ use super::source::RasterSource;
 use super::summaries::summarise;
 use super::workers::thread_count;
 use crate::codec::{
-    BlockCodec, ColourUnits, Components, Model, RootCodec, SymbolCoder, Units, block_length_unit,
+    BlockCodec, ColourUnits, Components, Model, RootCodec, Units, block_length_unit,
 };
 use crate::geo::RasterInfo;
 use crate::lattice::Lattice;
@@ -32,7 +32,7 @@ pub struct BuildOptions {
     /// How coefficients become bytes.
     pub entropy: EntropyKind,
     /// Whether [`EntropyKind::Rans`] comes with the trained predictor, where the transform takes it:
-    /// interpolating does. Else centres are predicted by the transform's fixed rule.
+    /// interpolating does, and lifted for colours. Else the transform's fixed rule is all.
     pub adaptive: bool,
     /// Weights and tables to use instead of trained ones, from data with as many levels.
     pub tables: Option<Model>,
@@ -54,6 +54,41 @@ impl Default for BuildOptions {
             cells_log2: 6,
             threads: 0,
         }
+    }
+}
+
+impl BuildOptions {
+    /// Says which options cannot be met, whatever the raster.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`].
+    pub fn check(&self) -> Result<()> {
+        let is_lifted = self.transform == TransformKind::Lifted;
+        let limit = |name: &str, number: f64| {
+            let message = format!("the {name} error must be a number from 0 up, not {number}");
+            (number.is_nan() || number < 0.0).then_some(message)
+        };
+        let wrong_limit = limit("maximum", self.max_error)
+            .or_else(|| self.rms_error.and_then(|number| limit("RMS", number)));
+        let message = if !(4..=7).contains(&self.cells_log2) {
+            let cells = 1u64 << self.cells_log2.min(63);
+            format!("cells must be 16, 32, 64 or 128, not {cells}")
+        } else if let Some(message) = wrong_limit {
+            message
+        } else if self.rms_error.is_some() && !is_lifted {
+            "an RMS error needs the transform lifted".to_owned()
+        } else if self.rms_error.is_some() && self.max_error != 0.0 {
+            "either a maximum error or an RMS error, not both".to_owned()
+        } else if is_lifted && self.max_error != 0.0 {
+            let max_error = self.max_error;
+            format!(
+                "lifted keeps no maximum error of {max_error}: give 0 for lossless, or an RMS error"
+            )
+        } else {
+            return Ok(());
+        };
+        Err(Error::Argument(message))
     }
 }
 
@@ -89,8 +124,7 @@ pub fn build(
 ) -> Result<BuildReport> {
     let info = source.info().clone();
     let lattice = Lattice::new(info.width, info.height, options.cells_log2)?;
-    check(options)?;
-    let kind = kind_of(&info)?;
+    options.check()?;
     if let Some(model) = &options.tables {
         let components = usize::from(info.bands);
         check_model(model, lattice.levels(), options.transform, components)?;
@@ -116,8 +150,7 @@ pub fn build(
     let filters = components.transforms(options.transform, lattice.cells());
     let levels = Levels::new(&lattice, &plane, &components, &filters, threads, &mut step)?;
     if let Some(limit) = options.rms_error {
-        let bound =
-            bound_for_rms_error(limit, &levels, &components, &info, threads, &mut step)?;
+        let bound = bound_for_rms_error(limit, &levels, &components, &info, threads, &mut step)?;
         components = components.with_common_bound(bound);
     }
     let coders = Coders::new(&levels, &components, options);
@@ -135,30 +168,7 @@ pub fn build(
         }
     };
     let descent = &coded.descent;
-    let header = Header {
-        kind,
-        domain: DomainKind::Planar,
-        transform: options.transform,
-        entropy: options.entropy,
-        cells_log2: options.cells_log2 as u8,
-        levels: lattice.levels() as u8,
-        lossless: components.common_bound() == 0 && is_exact,
-        block_length_unit: block_length_unit(lattice.cells()),
-        bound_units: components.common_bound() as u32,
-        unit_min: components.range(0)[0],
-        unit_max: components.range(0)[1],
-        unit_scale: components.scale_and_offset()[0],
-        unit_offset: components.scale_and_offset()[1],
-        sample_min: plane.sample_range[0],
-        sample_max: plane.sample_range[1],
-        max_error_bound: options.max_error,
-        max_error: 0.0,
-        rms_error: 0.0,
-        samples,
-        void_samples: plane.void_samples,
-        block_count: lattice.diamond_count(),
-        raster: info,
-    };
+    let header = header(&levels, options, &info, &components, is_exact);
     let tables = coded.model.as_ref().map_or_else(Vec::new, Model::to_bytes);
     let mut writer = Writer::with_sink(output, sink, &header, &coded.roots, &tables)?;
     for block in &coded.blocks {
@@ -187,35 +197,44 @@ pub fn build(
     })
 }
 
-/// Says which options cannot be met, whatever the raster.
-fn check(options: &BuildOptions) -> Result<()> {
-    let refuse = |message: String| Err(Error::Argument(message));
-    if !(4..=7).contains(&options.cells_log2) {
-        let cells = 1u64 << options.cells_log2.min(63);
-        return refuse(format!("cells must be 16, 32, 64 or 128, not {cells}"));
-    }
-    let is_lifted = options.transform == TransformKind::Lifted;
-    match options.rms_error {
-        Some(_) if !is_lifted => refuse("an RMS error needs the transform lifted".into()),
-        Some(_) if options.max_error != 0.0 => {
-            refuse("either a maximum error or an RMS error, not both".into())
-        }
-        None if is_lifted && options.max_error > 0.0 => refuse(format!(
-            "lifted keeps no maximum error of {}: give 0 for lossless, or an RMS error",
-            options.max_error
-        )),
-        _ => Ok(()),
-    }
-}
-
-/// What a repository of this raster holds.
-fn kind_of(info: &RasterInfo) -> Result<Kind> {
-    match info.bands {
-        1 => Ok(Kind::Heights),
-        3 => Ok(Kind::Colours),
-        bands => Err(Error::Argument(format!(
-            "samples of {bands} bands: heights have one, colours three"
-        ))),
+/// The header but for what only the finished build knows: errors, and the range of lifted heights.
+fn header(
+    levels: &Levels,
+    options: &BuildOptions,
+    info: &RasterInfo,
+    components: &Components,
+    is_exact: bool,
+) -> Header {
+    let (lattice, plane) = (levels.lattice, levels.plane);
+    let ([unit_min, unit_max], [unit_scale, unit_offset]) =
+        (components.range(0), components.scale_and_offset());
+    Header {
+        kind: if info.bands == 1 {
+            Kind::Heights
+        } else {
+            Kind::Colours
+        },
+        domain: DomainKind::Planar,
+        transform: options.transform,
+        entropy: options.entropy,
+        cells_log2: options.cells_log2 as u8,
+        levels: lattice.levels() as u8,
+        lossless: components.common_bound() == 0 && is_exact,
+        block_length_unit: block_length_unit(lattice.cells()),
+        bound_units: components.common_bound() as u32,
+        unit_min,
+        unit_max,
+        unit_scale,
+        unit_offset,
+        sample_min: plane.sample_range[0],
+        sample_max: plane.sample_range[1],
+        max_error_bound: options.max_error,
+        max_error: 0.0,
+        rms_error: 0.0,
+        samples: plane.count() as u64,
+        void_samples: plane.void_samples,
+        block_count: lattice.diamond_count(),
+        raster: info.clone(),
     }
 }
 
@@ -225,17 +244,19 @@ fn choose_components(
     info: &RasterInfo,
     options: &BuildOptions,
 ) -> Result<(Components, bool)> {
-    if info.bands == 3 {
-        if options.rms_error.is_some_and(|limit| limit.is_nan() || limit < 0.0) {
-            return Err(Error::Argument(
-                "the RMS error must be a number from 0 up".into(),
-            ));
+    match info.bands {
+        1 => {
+            let (units, is_exact) = choose_units(plane, info, options)?;
+            Ok((Components::Height(units), is_exact))
         }
-        let units = ColourUnits::new(info, options.max_error)?;
-        return Ok((Components::Colour(units), true));
+        3 => {
+            let units = ColourUnits::new(info, options.max_error)?;
+            Ok((Components::Colour(units), true))
+        }
+        bands => Err(Error::Argument(format!(
+            "samples of {bands} bands: heights have one, colours three"
+        ))),
     }
-    let (units, is_exact) = choose_units(plane, info, options)?;
-    Ok((Components::Height(units), is_exact))
 }
 
 /// Units for a raster of heights, and whether every sample is a multiple of one.
@@ -262,18 +283,14 @@ struct Coders<'a> {
 }
 
 impl<'a> Coders<'a> {
-    fn new(
-        levels: &Levels<'a>,
-        components: &Components,
-        options: &BuildOptions,
-    ) -> Coders<'a> {
+    fn new(levels: &Levels<'a>, components: &Components, options: &BuildOptions) -> Coders<'a> {
         let (lattice, has_voids) = (levels.lattice, levels.plane.void_samples > 0);
         let kind = options.transform;
         let transforms = components.transforms(kind, lattice.cells());
         let roots = RootCodec::new(lattice, components.quantisers(&transforms, None));
         let adaptive = match &options.tables {
             Some(model) => model.adaptive,
-            None => options.adaptive && kind != TransformKind::TwoStage && (kind == TransformKind::Interpolating || components.count() > 1 || std::env::var("AL").is_ok()),
+            None => options.adaptive && components.takes_trained_predictor(kind),
         };
         let listed = match components {
             Components::Height(units) if adaptive => list_heights(levels, units.range, units.bound),
@@ -282,8 +299,7 @@ impl<'a> Coders<'a> {
         let quantisers = components.quantisers(&transforms, listed.clone());
         let mut blocks = BlockCodec::new(lattice.cells(), has_voids, transforms);
         if options.entropy == EntropyKind::Rans {
-            let coder = |quantiser| SymbolCoder::new(lattice.cells(), quantiser, adaptive, true);
-            blocks = blocks.with_symbols(quantisers.into_iter().map(coder).collect());
+            blocks = blocks.with_symbols(components.coders(lattice.cells(), quantisers, adaptive));
         }
         Coders {
             roots,

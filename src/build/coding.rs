@@ -224,11 +224,9 @@ pub(super) fn list_heights(levels: &Levels, range: [i32; 2], bound: i32) -> Opti
     });
     let listed = present.iter().filter(|&&present| present).count() as u64;
     let length = length as u64;
-    // The list costs about a bit for each height of the range; log2 of length / listed is saved for each
-    // sample.
-    let saved_twelfths = if 4 * listed <= 3 * length { 5 } else { 0 };
+    // The list costs about a bit for each height of the range, and saves one or more for each sample.
     let samples = levels.plane.count() as u64 - levels.plane.void_samples;
-    if samples * saved_twelfths < 2 * 12 * length {
+    if 2 * listed > length || samples < 2 * length {
         return None;
     }
     ListedHeights::new(range[0], &present)
@@ -249,7 +247,13 @@ pub(super) fn check_model(
         ));
     }
     if model.components() != components {
-        let name = |components: usize| if components == 1 { "heights" } else { "colours" };
+        let name = |components: usize| {
+            if components == 1 {
+                "heights"
+            } else {
+                "colours"
+            }
+        };
         return refuse(format!(
             "the tables to use are those of {}, not of {}",
             name(model.components()),
@@ -258,7 +262,7 @@ pub(super) fn check_model(
     }
     let own = 1 + usize::from(kind == TransformKind::TwoStage);
     let matrices = own * components;
-    let is_predicted = kind == TransformKind::Interpolating;
+    let is_predicted = kind != TransformKind::TwoStage;
     if model.matrices() != matrices || (model.adaptive && !is_predicted) {
         return refuse("the tables to use are those of another transform".into());
     }

@@ -28,8 +28,7 @@ impl Plane {
     ) -> Result<Plane> {
         let (width, height) = (source.info().width as usize, source.info().height as usize);
         let bands = usize::from(source.info().bands);
-        let exceeded =
-            || Error::Argument(format!("{width} x {height} samples exceed the memory"));
+        let exceeded = || Error::Argument(format!("{width} x {height} samples exceed the memory"));
         let count = width.checked_mul(height).ok_or_else(exceeded)?;
         let length = count.checked_mul(bands);
         let length = length.filter(|&length| length <= isize::MAX as usize / 8);

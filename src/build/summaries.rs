@@ -43,7 +43,10 @@ pub(super) fn summarise(
     let ranges = nest(levels, descent, &mut errors);
     // The root contains all, but a root alone has no summary.
     let widest = ranges.first().copied();
-    let range = union(range, widest.unwrap_or(extremes(&descent.vertices[0], levels.components)));
+    let range = union(
+        range,
+        widest.unwrap_or(extremes(&descent.vertices[0], levels.components)),
+    );
     let codes = encode(levels, &errors, &ranges, range);
     Ok(Summaries { codes, range })
 }
@@ -53,7 +56,9 @@ fn nest(levels: &Levels, descent: &Descent, errors: &mut [f64]) -> Vec<[i32; 2]>
     let (lattice, count) = (levels.lattice, errors.len());
     let mut ranges: Vec<[i32; 2]> = {
         let vertices = descent.vertices[..count].iter();
-        vertices.map(|own| extremes(own, levels.components)).collect()
+        vertices
+            .map(|own| extremes(own, levels.components))
+            .collect()
     };
     let last_level = lattice.levels().saturating_sub(1);
     let last_start = count - descent.refined.len().min(count);

@@ -68,11 +68,7 @@ impl BlockCodec {
     /// A codec for diamonds of `cells` cells, with the transform of each component; `has_voids` says whether
     /// any sample of the whole raster is void, so that rasters without any spend nothing on masks. Coefficients
     /// are quadtrees of gamma codes.
-    pub fn new(
-        cells: usize,
-        has_voids: bool,
-        transforms: Vec<Box<dyn Transform>>,
-    ) -> BlockCodec {
+    pub fn new(cells: usize, has_voids: bool, transforms: Vec<Box<dyn Transform>>) -> BlockCodec {
         BlockCodec {
             cells,
             has_voids,
@@ -168,7 +164,8 @@ impl BlockCodec {
             if coder.is_adaptive() && !transform.is_filtering() {
                 let task = known.task(0, component, validity.centres, part.own);
                 let weights = &weights[task.matrix];
-                let (centres, kept) = coder.trace_centres(weights, &task, part.target.centres, &mut trace);
+                let (centres, kept) =
+                    coder.trace_centres(weights, &task, part.target.centres, &mut trace);
                 known.add(0, kept, step);
                 all.push(Synthesis {
                     vertices: None,
@@ -177,11 +174,17 @@ impl BlockCodec {
                 continue;
             }
             let coefficients = transform.analyse(validity, part.own, part.target);
-            for_each_matrix(&**transform, validity, &coefficients, |kind, coded, entries| {
-                let task = known.task(kind, component, coded, part.own);
-                let kept = coder.trace_coefficients(&weights[task.matrix], &task, entries, &mut trace);
-                known.add(kind, kept, step);
-            });
+            for_each_matrix(
+                &**transform,
+                validity,
+                &coefficients,
+                |kind, coded, entries| {
+                    let task = known.task(kind, component, coded, part.own);
+                    let kept =
+                        coder.trace_coefficients(&weights[task.matrix], &task, entries, &mut trace);
+                    known.add(kind, kept, step);
+                },
+            );
             all.push(transform.synthesise(validity, part.own, &coefficients));
         }
         (trace, all)
@@ -210,12 +213,7 @@ impl BlockCodec {
         vertices.values.chunks_exact(side * side)
     }
 
-    fn analyse(
-        &self,
-        validity: &Validity,
-        vertices: &Matrix,
-        target: Target,
-    ) -> Vec<Coefficients> {
+    fn analyse(&self, validity: &Validity, vertices: &Matrix, target: Target) -> Vec<Coefficients> {
         let parts = self.parts(vertices, target).zip(&self.transforms);
         parts
             .map(|(part, transform)| transform.analyse(validity, part.own, part.target))
@@ -280,12 +278,17 @@ impl BlockCodec {
                 continue;
             }
             let coefficients = transform.analyse(&validity, part.own, part.target);
-            for_each_matrix(&**transform, &validity, &coefficients, |kind, coded, entries| {
-                let task = known.task(kind, component, coded, part.own);
-                let (trainer, fit) = (&trainers[task.matrix], &mut fits[task.matrix]);
-                let shown = coder.show_coefficients(trainer, fit, &task, entries);
-                known.add(kind, shown, step);
-            });
+            for_each_matrix(
+                &**transform,
+                &validity,
+                &coefficients,
+                |kind, coded, entries| {
+                    let task = known.task(kind, component, coded, part.own);
+                    let (trainer, fit) = (&trainers[task.matrix], &mut fits[task.matrix]);
+                    let shown = coder.show_coefficients(trainer, fit, &task, entries);
+                    known.add(kind, shown, step);
+                },
+            );
         }
     }
 
@@ -389,8 +392,7 @@ impl BlockCodec {
             if coder.is_adaptive() && !transform.is_filtering() {
                 let task = known.task(0, component, validity.centres, own);
                 let mut kept = (!is_last).then(Vec::new);
-                let centres =
-                    coder.decode_centres(model, &task, decoder.as_mut(), kept.as_mut());
+                let centres = coder.decode_centres(model, &task, decoder.as_mut(), kept.as_mut());
                 known.add(0, kept.unwrap_or_default(), coder.step());
                 all.push(Synthesis {
                     vertices: None,
@@ -444,7 +446,9 @@ impl BlockCodec {
             all.push(coefficients);
         }
         let used = bits.position().div_ceil(8);
-        let surplus = bytes.and_then(|bytes| bytes.get(used..)).unwrap_or_default();
+        let surplus = bytes
+            .and_then(|bytes| bytes.get(used..))
+            .unwrap_or_default();
         if surplus.len() >= self.unit || surplus.iter().any(|&byte| byte != 0) {
             return Err(BlockError::Surplus);
         }
@@ -512,8 +516,8 @@ impl Before {
         }
     }
 
-    fn add(&mut self, kind: usize, coefficients: Vec<i32>, step: i32) {
-        self.0[kind].push(Known { coefficients, step });
+    fn add(&mut self, kind: usize, residuals: Vec<i32>, step: i32) {
+        self.0[kind].push(Known { residuals, step });
     }
 }
 

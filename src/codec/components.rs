@@ -1,7 +1,7 @@
 //! What a sample is inside: a height in units, or the three components of a colour.
 
-use super::Units;
 use super::colour::{component_bounds, component_ranges, from_components, to_components};
+use super::{SymbolCoder, Units};
 use crate::geo::{RasterInfo, SampleType};
 use crate::transform::{ListedHeights, Quantiser, Transform, TransformKind};
 use crate::{Error, Result};
@@ -143,6 +143,33 @@ impl Components {
             Quantiser::new(self.bound(component), low, high)
         };
         transforms.iter().enumerate().map(quantiser).collect()
+    }
+
+    /// What codes the coefficients of each component in contexts, for diamonds of `cells` cells, with its
+    /// quantiser; `adaptive` says whether the trained predictor is used.
+    pub fn coders(
+        &self,
+        cells: usize,
+        quantisers: Vec<Quantiser>,
+        adaptive: bool,
+    ) -> Vec<SymbolCoder> {
+        let coder = |quantiser| {
+            let coder = SymbolCoder::new(cells, quantiser, adaptive, true);
+            match self {
+                Components::Height(_) => coder,
+                Components::Colour(_) => coder.of_colours(),
+            }
+        };
+        quantisers.into_iter().map(coder).collect()
+    }
+
+    /// Whether coefficients of a transform can come with the trained predictor.
+    pub fn takes_trained_predictor(&self, kind: TransformKind) -> bool {
+        match kind {
+            TransformKind::Interpolating => true,
+            TransformKind::Lifted => self.count() > 1,
+            TransformKind::TwoStage => false,
+        }
     }
 
     /// sample = unit x scale + offset; 1 and 0 for colours.

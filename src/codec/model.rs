@@ -3,9 +3,12 @@
 use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
 use crate::entropy::frequency::{Decisions, Frequencies, TableModel};
 use crate::entropy::rans::Tables;
-use crate::transform::adaptive::{CLASSES, COMPANIONS, CONTEXTS, Weights};
+use crate::transform::adaptive::{CLASSES, COMPANIONS, CONTEXTS, FEATURES, Weights};
 use crate::transform::{LONGEST_LIST, ListedHeights};
 use std::sync::OnceLock;
+
+/// Prediction weights are multiples of this: finer ones cost more bytes than they save.
+pub(super) const WEIGHT_STEP: i16 = 8;
 
 /// Trained weights and tables, level by level.
 #[derive(Clone, Debug)]
@@ -256,24 +259,28 @@ impl Numbers {
         known: &Weights,
     ) -> Weights {
         let mut weights = known.clone();
-        for feature in 0..if adaptive {
-            weights.prediction.len()
-        } else {
-            0
-        } {
+        for feature in 0..if adaptive { FEATURES } else { 0 } {
+            let (pair, side) = (feature / 2, feature % 2);
             for class in 0..CLASSES {
                 let near = match class {
-                    0 => known.prediction[feature][0],
-                    _ => weights.prediction[feature][class - 1],
+                    0 => known.prediction[pair][0][side],
+                    _ => weights.prediction[pair][class - 1][side],
                 };
-                let difference = told.prediction[feature][class].wrapping_sub(near);
-                let passed = self.weight.pass(coder, i32::from(difference));
-                weights.prediction[feature][class] = near.wrapping_add(passed as i16);
+                let difference = told.prediction[pair][class][side].wrapping_sub(near);
+                let passed = self.weight.pass(coder, i32::from(difference / WEIGHT_STEP));
+                let passed = (passed as i16).wrapping_mul(WEIGHT_STEP);
+                weights.prediction[pair][class][side] = near.wrapping_add(passed);
             }
         }
-        for (own, told) in weights.activity.iter_mut().zip(told.activity) {
-            *own = own
-                .wrapping_add(self.weight.pass(coder, i32::from(told.wrapping_sub(*own))) as i16);
+        let told_activity = told.activity.as_flattened();
+        for (own, &told) in weights
+            .activity
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(told_activity)
+        {
+            let passed = self.weight.pass(coder, i32::from(told.wrapping_sub(*own)));
+            *own = own.wrapping_add(passed as i16);
         }
         let difference = told.first_context.wrapping_sub(known.first_context);
         let passed = self.bits.pass(coder, difference);

@@ -1,6 +1,5 @@
-//! The root's vertex matrix as bytes (`docs/format.md`): one component after the other, the first with
-//! the void mask, as residuals against the median of the left, upper and planar neighbours, in adaptive
-//! binary decisions.
+//! The root's vertex matrix as bytes (`docs/format.md`): one component after the other, each from its corners
+//! inwards, each vertex between those before it, as adaptive binary decisions.
 
 use super::{BlockError, Matrix};
 use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
@@ -30,15 +29,15 @@ impl<'a> RootCodec<'a> {
         let mut encoder = BinaryEncoder::new();
         for (component, quantiser) in self.quantisers.iter().enumerate() {
             let mut model = Model::new();
-            self.scan(quantiser, |vertex, prediction| {
-                let sample = samples(component, vertex.at);
+            self.scan(quantiser, |at, _, outlook| {
+                let sample = samples(component, at);
                 if component == 0 {
-                    encoder.encode(sample.is_none(), &mut model.void[vertex.voids_before]);
+                    encoder.encode(sample.is_none(), &mut model.void[outlook.voids]);
                 }
                 sample.map(|sample| {
-                    let coefficient = quantiser.quantise(sample, prediction);
-                    model.encode(&mut encoder, coefficient);
-                    quantiser.reconstruct(coefficient, prediction)
+                    let coefficient = quantiser.quantise(sample, outlook.prediction);
+                    model.encode(&mut encoder, outlook.context, coefficient);
+                    quantiser.reconstruct(coefficient, outlook.prediction)
                 })
             });
         }
@@ -52,70 +51,146 @@ impl<'a> RootCodec<'a> {
         let mut valid: Option<Box<[u8]>> = None;
         for quantiser in &self.quantisers {
             let mut model = Model::new();
-            let (mut own, own_valid) = self.scan(quantiser, |vertex, prediction| {
+            let mut grid = self.scan(quantiser, |_, index, outlook| {
                 let is_void = match &valid {
-                    None => decoder.decode(&mut model.void[vertex.voids_before]),
-                    Some(valid) => valid[vertex.index] == 0,
+                    None => decoder.decode(&mut model.void[outlook.voids]),
+                    Some(valid) => valid[index] == 0,
                 };
                 (!is_void).then(|| {
-                    let coefficient = model.decode(&mut decoder);
-                    quantiser.reconstruct(coefficient, prediction)
+                    let coefficient = model.decode(&mut decoder, outlook.context);
+                    quantiser.reconstruct(coefficient, outlook.prediction)
                 })
             });
-            self.carry_nearest(middle(quantiser), &own_valid, &mut own);
-            values.extend(own);
-            valid = Some(own_valid);
+            grid.carry_nearest(middle(quantiser));
+            values.extend(grid.values);
+            valid = Some(grid.valid);
         }
         Ok(Matrix::new(values.into(), valid.unwrap_or_default()))
     }
 
-    /// Visits the vertices inside the raster row by row. `visit` gets the vertex and the prediction, and
-    /// returns the height unless void. Gives the heights and which are valid.
+    /// Visits the vertices inside the raster, from the corners inwards. `visit` gets the position, the index
+    /// and what is known of the vertex, and returns the height unless void.
     fn scan(
         &self,
         quantiser: &Quantiser,
-        mut visit: impl FnMut(Vertex, i32) -> Option<i32>,
-    ) -> (Box<[i32]>, Box<[u8]>) {
+        mut visit: impl FnMut([i64; 2], usize, Outlook) -> Option<i32>,
+    ) -> Grid {
         let side = self.lattice.cells() + 1;
         let placement = self.lattice.placement(self.lattice.root());
         let (middle, [low, high]) = (middle(quantiser), quantiser.range());
-        let mut values = vec![middle; side * side].into_boxed_slice();
-        let mut valid = vec![0u8; side * side].into_boxed_slice();
-        for index in 0..side * side {
-            let (i, j) = (index % side, index / side);
-            let at = placement.vertex(i, j);
+        let mut grid = Grid {
+            side: side as i64,
+            values: vec![middle; side * side].into(),
+            valid: vec![0; side * side].into(),
+        };
+        let mut last = middle;
+        for (i, j, near, far) in order(self.lattice.cells() as i64) {
+            let at = placement.vertex(i as usize, j as usize);
             if !self.lattice.in_raster(at) {
                 continue;
             }
-            let left = (i > 0).then(|| index - 1);
-            let up = (j > 0).then(|| index - side);
-            let prediction = match (left, up) {
-                (Some(left), Some(up)) => median(values[left], values[up], values[up - 1]),
-                (Some(only), None) | (None, Some(only)) => values[only],
-                (None, None) => middle,
-            };
-            let prediction = prediction.clamp(low, high);
-            let before = [left, up].into_iter().flatten();
-            let vertex = Vertex {
-                index,
-                at,
-                voids_before: before.filter(|&n| valid[n] == 0).count(),
-            };
-            let height = visit(vertex, prediction);
-            valid[index] = u8::from(height.is_some());
-            values[index] = height.unwrap_or(prediction);
+            let mut outlook = grid.look(i, j, near, far, last, quantiser.step());
+            outlook.prediction = outlook.prediction.clamp(low, high);
+            let index = (j * grid.side + i) as usize;
+            let height = visit(at, index, outlook);
+            grid.valid[index] = u8::from(height.is_some());
+            grid.values[index] = height.unwrap_or(outlook.prediction);
+            last = height.unwrap_or(last);
         }
-        (values, valid)
+        grid
     }
+}
 
-    /// Gives each vertex that is not valid the height of the nearest valid one.
-    fn carry_nearest(&self, middle: i32, valid: &[u8], values: &mut [i32]) {
-        let side = self.lattice.cells() + 1;
-        let is_known = |index: &usize| valid[*index] != 0;
-        let known: Vec<usize> = (0..side * side).filter(is_known).collect();
-        if known.len() == side * side {
-            return;
-        }
+/// The middle of a quantiser's range.
+fn middle(quantiser: &Quantiser) -> i32 {
+    let [low, high] = quantiser.range().map(i64::from);
+    ((low + high) >> 1) as i32
+}
+
+/// Offsets of four vertices around one: opposite ones follow each other.
+type Cross = [[i64; 2]; 4];
+
+/// Every vertex (i, j) of a root of `cells` cells once, with the offsets of the 4 nearest and the 8 next nearest
+/// among those before it; the corners, which come first, have none. Step by step the distance between
+/// vertices is halved: centres of squares, then midpoints of their sides, row by row.
+fn order(cells: i64) -> impl Iterator<Item = (i64, i64, Option<Cross>, [Cross; 2])> {
+    let nothing = [[[0; 2]; 4]; 2];
+    let corners = [[0, 0], [cells, 0], [0, cells], [cells, cells]];
+    let corners = corners.map(|[i, j]| (i, j, None, nothing));
+    let halves = (0..cells.ilog2()).rev().map(|bits| 1i64 << bits);
+    let steps = halves.flat_map(move |half| {
+        let rows = (0..=cells / half).map(move |row| row * half);
+        let centres = rows
+            .clone()
+            .filter(move |j| j % (2 * half) != 0)
+            .flat_map(move |j| {
+                let columns = (0..cells / (2 * half)).map(move |column| (2 * column + 1) * half);
+                let near = [[-1, -1], [1, 1], [1, -1], [-1, 1]];
+                let far = [
+                    [[-1, -3], [1, 3], [-3, -1], [3, 1]],
+                    [[1, -3], [-1, 3], [3, -1], [-3, 1]],
+                ];
+                columns.map(move |i| {
+                    (
+                        i,
+                        j,
+                        Some(scale(near, half)),
+                        far.map(|far| scale(far, half)),
+                    )
+                })
+            });
+        let midpoints = rows.flat_map(move |j| {
+            let columns = (0..=cells / half).map(move |column| column * half);
+            let near = [[-1, 0], [1, 0], [0, -1], [0, 1]];
+            let far = [
+                [[-1, -2], [1, 2], [-2, -1], [2, 1]],
+                [[1, -2], [-1, 2], [2, -1], [-2, 1]],
+            ];
+            columns
+                .filter(move |i| (i + j) % (2 * half) != 0)
+                .map(move |i| {
+                    (
+                        i,
+                        j,
+                        Some(scale(near, half)),
+                        far.map(|far| scale(far, half)),
+                    )
+                })
+        });
+        centres.chain(midpoints)
+    });
+    corners.into_iter().chain(steps)
+}
+
+fn scale(cross: Cross, by: i64) -> Cross {
+    cross.map(|offset| offset.map(|along| along * by))
+}
+
+/// What is known of a vertex before it is coded.
+#[derive(Clone, Copy)]
+struct Outlook {
+    prediction: i32,
+    /// How many of the 4 nearest are not valid.
+    voids: usize,
+    /// Bit length of twice the range of the nearest in steps of the quantiser; the last context without two.
+    context: usize,
+}
+
+/// The vertices so far.
+struct Grid {
+    side: i64,
+    values: Box<[i32]>,
+    valid: Box<[u8]>,
+}
+
+impl Grid {
+    /// Gives each vertex that is not valid the height of the nearest valid one, else `middle`.
+    fn carry_nearest(&mut self, middle: i32) {
+        let side = self.side as usize;
+        let (valid, values) = (&self.valid, &mut self.values);
+        let known: Vec<usize> = (0..side * side)
+            .filter(|&index| valid[index] != 0)
+            .collect();
         let nearest = |index: usize| {
             let square = |other: usize| {
                 let (di, dj) = (
@@ -126,59 +201,88 @@ impl<'a> RootCodec<'a> {
             };
             known.iter().copied().min_by_key(|&other| square(other))
         };
-        for index in (0..side * side).filter(|index| !is_known(index)) {
+        for index in (0..side * side).filter(|&index| valid[index] == 0) {
             values[index] = nearest(index).map_or(middle, |other| values[other]);
+        }
+    }
+
+    fn get(&self, i: i64, j: i64) -> Option<i64> {
+        let inside = (0..self.side).contains(&i) && (0..self.side).contains(&j);
+        let index = (j * self.side + i) as usize;
+        (inside && self.valid[index] != 0).then(|| i64::from(self.values[index]))
+    }
+
+    /// Order 4 where its 12 vertices are valid, else order 2; else the mean of the opposite nearest that are
+    /// valid, else of all nearest that are; else `last`.
+    fn look(
+        &self,
+        i: i64,
+        j: i64,
+        near: Option<Cross>,
+        far: [Cross; 2],
+        last: i32,
+        step: i32,
+    ) -> Outlook {
+        let around = |cross: Cross| cross.map(|[di, dj]| self.get(i + di, j + dj));
+        let near = near.map_or([None; 4], around);
+        let all = |of: [Option<i64>; 4]| Some(of[0]? + of[1]? + of[2]? + of[3]?);
+        let opposite = |at: usize| Some((near[at]? + near[at + 1]? + 1) >> 1);
+        let valid: Vec<i64> = near.into_iter().flatten().collect();
+        let prediction = match (all(near), all(around(far[0])), all(around(far[1]))) {
+            (Some(four), Some(one), Some(other)) => (10 * four - one - other + 16) >> 5,
+            (Some(four), ..) => (four + 2) >> 2,
+            _ => opposite(0).or_else(|| opposite(2)).unwrap_or_else(|| {
+                let count = valid.len() as i64;
+                let sum: i64 = valid.iter().sum();
+                if count == 0 {
+                    i64::from(last)
+                } else {
+                    (sum + count / 2).div_euclid(count)
+                }
+            }),
+        };
+        let least = valid.iter().min().copied().unwrap_or(0);
+        let greatest = valid.iter().max().copied().unwrap_or(0);
+        let range = 2 * (greatest - least) / i64::from(step);
+        let length = (i64::BITS - range.leading_zeros()) as usize;
+        Outlook {
+            prediction: prediction.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32,
+            voids: 4 - valid.len(),
+            context: if valid.len() < 2 {
+                CONTEXTS - 1
+            } else {
+                length.min(CONTEXTS - 2)
+            },
         }
     }
 }
 
-/// A vertex on the way over the root.
-struct Vertex {
-    index: usize,
-    /// Column and row.
-    at: [i64; 2],
-    /// How many of its left and its upper neighbour are not valid.
-    voids_before: usize,
-}
+/// Contexts of a residual.
+const CONTEXTS: usize = 36;
 
-/// The middle of a quantiser's range.
-fn middle(quantiser: &Quantiser) -> i32 {
-    let [low, high] = quantiser.range().map(i64::from);
-    ((low + high) >> 1) as i32
-}
-
-/// The median of left, up and left + up - corner: the edge detecting predictor of LOCO-I (Weinberger,
-/// Seroussi and Sapiro 2000).
-fn median(left: i32, up: i32, corner: i32) -> i32 {
-    let plane = i64::from(left) + i64::from(up) - i64::from(corner);
-    plane.clamp(i64::from(left.min(up)), i64::from(left.max(up))) as i32
-}
-
-/// Adaptive probabilities of a residual: its Elias-gamma code, the length bits in the context of the
-/// residual before.
+/// Adaptive probabilities of a residual: its Elias-gamma code, the length bits in the context of the vertices
+/// around.
 struct Model {
-    void: [Probability; 3],
+    void: [Probability; 5],
     length: Vec<[Probability; 34]>,
     leading: [Probability; 34],
-    last_length: usize,
 }
 
 impl Model {
     fn new() -> Model {
         let half = Probability::default();
         Model {
-            void: [half; 3],
-            length: vec![[half; 34]; 34],
+            void: [half; 5],
+            length: vec![[half; 34]; CONTEXTS],
             leading: [half; 34],
-            last_length: 0,
         }
     }
 
-    fn encode(&mut self, encoder: &mut BinaryEncoder, coefficient: i32) {
+    fn encode(&mut self, encoder: &mut BinaryEncoder, context: usize, coefficient: i32) {
         let code = (u64::from(((coefficient << 1) ^ (coefficient >> 31)) as u32)) + 1;
         let length = code.ilog2() as usize;
         for step in 0..=length.min(31) {
-            encoder.encode(step < length, &mut self.length[self.last_length][step]);
+            encoder.encode(step < length, &mut self.length[context][step]);
         }
         for bit in (0..length).rev() {
             let value = code >> bit & 1 != 0;
@@ -188,12 +292,11 @@ impl Model {
                 encoder.encode(value, &mut Probability::default());
             }
         }
-        self.last_length = length;
     }
 
-    fn decode(&mut self, decoder: &mut BinaryDecoder) -> i32 {
+    fn decode(&mut self, decoder: &mut BinaryDecoder, context: usize) -> i32 {
         let mut length = 0;
-        while length < 32 && decoder.decode(&mut self.length[self.last_length][length]) {
+        while length < 32 && decoder.decode(&mut self.length[context][length]) {
             length += 1;
         }
         let mut code = 1u64;
@@ -205,7 +308,6 @@ impl Model {
             };
             code = code << 1 | u64::from(value);
         }
-        self.last_length = length;
         let zigzag = (code - 1) as u32;
         (zigzag >> 1) as i32 ^ -((zigzag & 1) as i32)
     }

@@ -6,8 +6,9 @@ use super::training::{Fit, Trainer};
 use crate::entropy::rans::{self, Decoder};
 use crate::transform::Quantiser;
 use crate::transform::adaptive::{
-    COMPANIONS, CONTEXTS, Outlook, Surroundings, WEIGHT_BITS, Weights, surroundings,
+    COMPANIONS, CONTEXTS, Outlook, Surroundings, WEIGHT_BITS, Weights, Workspace,
 };
+use std::cell::RefCell;
 
 /// The context of an entry without a coefficient.
 const UNCODED: u8 = u8::MAX;
@@ -22,17 +23,21 @@ pub struct Trace {
 }
 
 impl Trace {
+    /// Adds a row of coefficients, 0 where there is none.
+    fn add_row(&mut self, outlook: &Outlook, coefficients: &[i32], turns: bool) {
+        let start = self.coefficients.len();
+        self.coefficients.extend_from_slice(coefficients);
+        if turns {
+            turn(&mut self.coefficients[start..], &outlook.fractions);
+        }
+        self.contexts.extend_from_slice(&outlook.contexts);
+    }
+
     /// Whether all coefficients are 0.
     pub fn is_zero(&self) -> bool {
         self.coefficients
             .iter()
             .all(|&coefficient| coefficient == 0)
-    }
-
-    /// The coefficients of the matrix added last, of a diamond of `cells` cells.
-    pub(super) fn last(&self, cells: usize) -> Vec<i32> {
-        let start = self.coefficients.len() - cells * cells;
-        self.coefficients[start..].to_vec()
     }
 
     /// Coefficients with their contexts; those without any are passed over.
@@ -75,10 +80,10 @@ pub(super) struct Task<'a> {
     pub beside: Option<&'a Known>,
 }
 
-/// Coefficients that are known.
+/// What prediction left of coefficients that are known.
 pub(super) struct Known {
-    /// N^2, as they were coded.
-    pub coefficients: Vec<i32>,
+    /// N^2.
+    pub residuals: Vec<i32>,
     /// Units that one is worth.
     pub step: i32,
 }
@@ -89,22 +94,35 @@ pub struct SymbolCoder {
     cells: usize,
     quantiser: Quantiser,
     adaptive: bool,
+    /// Residuals are coded as seen from the side that rounding took the prediction to.
+    turns: bool,
     vectors: bool,
 }
 
 impl SymbolCoder {
-    /// For diamonds of `cells` cells. With `adaptive` the trained predictor comes before the quantiser, else
-    /// coefficients of the transform are coded. `vectors` allows what the processor has, to the same result.
+    /// For diamonds of `cells` cells. With `adaptive` the trained predictor comes before the quantiser, or, where
+    /// levels are filtered, after it; else coefficients of the transform are coded. `vectors` allows what the
+    /// processor has, to the same result.
     pub fn new(cells: usize, quantiser: Quantiser, adaptive: bool, vectors: bool) -> SymbolCoder {
         SymbolCoder {
             cells,
             quantiser,
             adaptive,
+            turns: false,
             vectors,
         }
     }
 
-    /// Whether centres are predicted here.
+    /// The same for a component of colours, whose small residuals gain from what rounding took from their
+    /// predictions: where it is negative they change their sign, so that they are more often positive.
+    pub fn of_colours(self) -> SymbolCoder {
+        SymbolCoder {
+            turns: true,
+            ..self
+        }
+    }
+
+    /// Whether the trained predictor is used.
     pub fn is_adaptive(&self) -> bool {
         self.adaptive
     }
@@ -124,8 +142,8 @@ impl SymbolCoder {
         Decoder::new(model.tables(), bytes, scratch, self.vectors)
     }
 
-    /// The centres that a block leads to by trained prediction; `None` stands for coefficients all zero.
-    /// `kept`, if it is given, gets the coefficients.
+    /// The centres that a block leads to by trained prediction; `None` stands for residuals all zero.
+    /// `kept`, if it is given, gets the residuals.
     pub(super) fn decode_centres(
         &self,
         model: &LevelModel,
@@ -139,7 +157,9 @@ impl SymbolCoder {
             if let Some(decoder) = &mut decoder {
                 own_contexts(&mut outlook.contexts, task, row, Some(model));
                 decoder.decode(&outlook.contexts, centres);
-                for (c, &f) in centres.iter_mut().zip(&outlook.fractions) { if f < 0 { *c = c.wrapping_neg(); } }
+                if self.turns {
+                    turn(centres, &outlook.fractions);
+                }
             }
             if let Some(kept) = &mut kept {
                 kept.extend_from_slice(centres);
@@ -150,7 +170,8 @@ impl SymbolCoder {
         centres
     }
 
-    /// Adds what trained prediction leaves of the centres of `target`, and gives what they come back as.
+    /// Adds what trained prediction leaves of the centres of `target`; gives what they come back as, and the
+    /// residuals.
     pub(super) fn trace_centres(
         &self,
         weights: &Weights,
@@ -159,9 +180,9 @@ impl SymbolCoder {
         trace: &mut Trace,
     ) -> (Box<[i32]>, Vec<i32>) {
         let cells = self.cells;
-        let mut kept = Vec::new();
         let [low, high] = self.quantiser.range();
         let mut centres = vec![0; cells * cells].into_boxed_slice();
+        let mut kept = Vec::with_capacity(cells * cells);
         self.walk_centres(task, weights, &mut centres, |row, outlook, centres| {
             own_contexts(&mut outlook.contexts, task, row, None);
             let target = &target[row * cells..(row + 1) * cells];
@@ -171,16 +192,15 @@ impl SymbolCoder {
                     *centre = self.quantiser.quantise(target[i], prediction);
                 }
             }
-            trace.contexts.extend_from_slice(&outlook.contexts);
+            trace.add_row(outlook, centres, self.turns);
             kept.extend_from_slice(centres);
-            trace.coefficients.extend(centres.iter().zip(&outlook.fractions).map(|(c, &f)| if f < 0 { c.wrapping_neg() } else { *c }));
             self.quantiser
                 .reconstruct_row(&outlook.predictions, centres);
         });
         (centres, kept)
     }
 
-    /// Shows a trainer the centres of `target`; gives their coefficients.
+    /// Shows a trainer the centres of `target`; gives their residuals.
     pub(super) fn show_centres(
         &self,
         trainer: &Trainer,
@@ -189,65 +209,67 @@ impl SymbolCoder {
         target: &[i32],
     ) -> Vec<i32> {
         let (cells, [low, high]) = (self.cells, self.quantiser.range());
-        let mut surroundings = surroundings(cells, task.vertices, self.vectors);
-        let step = surroundings.quarters(self.quantiser.step()) - surroundings.quarters(0);
-        let mut outlook = Outlook::new(cells);
-        let mut coefficients = vec![0; cells * cells];
+        let mut residuals = vec![0; cells * cells];
         let mut row = vec![0; cells];
-        for j in 0..cells {
-            let company = self.accompany(&mut *surroundings, task, j);
-            surroundings.foresee(trainer.weights(), &mut outlook);
-            company.add_to(trainer.weights(), &mut outlook);
-            for (i, centre) in row.iter_mut().enumerate() {
-                let prediction = outlook.predictions[i].clamp(low, high);
-                *centre = prediction;
-                let index = j * cells + i;
-                if task.coded.is_none_or(|coded| coded[index] != 0) {
-                    let coefficient = self.quantiser.quantise(target[index], prediction);
-                    coefficients[index] = coefficient;
-                    *centre = self.quantiser.reconstruct(coefficient, prediction);
-                    let (sight, activity) = surroundings.sight(i, trainer.weights());
-                    let place = surroundings.quarters(target[index]);
-                    let predicted = surroundings.quarters(outlook.predictions[i]);
-                    let misses = [place - f64::from(sight.order_two), place - predicted];
-                    let told = company.told(i, &*surroundings);
-                    trainer.see(fit, &sight, activity, misses, told, step);
+        self.surround(task.vertices, |surroundings, outlook| {
+            let step = surroundings.quarters(self.step()) - surroundings.quarters(0);
+            for j in 0..cells {
+                let company = self.foresee(surroundings, task, j, trainer.weights(), outlook);
+                for (i, centre) in row.iter_mut().enumerate() {
+                    let prediction = outlook.predictions[i].clamp(low, high);
+                    *centre = prediction;
+                    let index = j * cells + i;
+                    if task.coded.is_none_or(|coded| coded[index] != 0) {
+                        let coefficient = self.quantiser.quantise(target[index], prediction);
+                        residuals[index] = coefficient;
+                        *centre = self.quantiser.reconstruct(coefficient, prediction);
+                        let (sight, activity) = surroundings.sight(i, trainer.weights());
+                        let place = surroundings.quarters(target[index]);
+                        let predicted = surroundings.quarters(outlook.predictions[i]);
+                        let misses = [place - f64::from(sight.order_two), place - predicted];
+                        let told = company.told(i, surroundings);
+                        trainer.see(fit, &sight, activity, misses, told, step);
+                    }
                 }
+                surroundings.complete(&row);
             }
-            surroundings.complete(&row, &outlook);
-        }
-        coefficients
+        });
+        residuals
     }
 
-    /// The coefficients of a matrix of a block, all zero for `None`, and as they were coded.
+    /// The coefficients of a matrix of a block, and what prediction left of them.
     pub(super) fn decode_coefficients(
         &self,
         model: &LevelModel,
         task: &Task,
-        decoder: Option<&mut Decoder>,
+        mut decoder: Option<&mut Decoder>,
     ) -> (Box<[i32]>, Vec<i32>) {
-        let mut coded = vec![0; self.cells * self.cells];
-        let Some(decoder) = decoder else {
-            return (coded.clone().into(), coded);
-        };
+        let mut residuals = vec![0; self.cells * self.cells];
+        if decoder.is_none() && !self.adaptive && task.companions.is_empty() {
+            return (residuals.clone().into(), residuals);
+        }
         let mut entries = vec![0; self.cells * self.cells].into_boxed_slice();
         let weights = model.weights(task.matrix);
         self.walk_coefficients(task, weights, &mut entries, |row, outlook, entries| {
             own_contexts(&mut outlook.contexts, task, row, Some(model));
-            let coded = &mut coded[row * self.cells..(row + 1) * self.cells];
-            decoder.decode(&outlook.contexts, coded);
-            for (i, (entry, coded)) in entries.iter_mut().zip(coded).enumerate() {
-                let start = row * self.cells;
+            let start = row * self.cells;
+            let residuals = &mut residuals[start..start + self.cells];
+            if let Some(decoder) = &mut decoder {
+                decoder.decode(&outlook.contexts, residuals);
+                if self.turns {
+                    turn(residuals, &outlook.fractions);
+                }
+            }
+            for (i, (entry, &residual)) in entries.iter_mut().zip(&*residuals).enumerate() {
                 if task.coded.is_none_or(|coded| coded[start + i] != 0) {
-                    if outlook.fractions[i] < 0 { *coded = coded.wrapping_neg(); }
-                    *entry = coded.wrapping_add(outlook.predictions[i]);
+                    *entry = residual.wrapping_add(outlook.predictions[i]);
                 }
             }
         });
-        (entries, coded)
+        (entries, residuals)
     }
 
-    /// Adds the coefficients of a matrix with their contexts.
+    /// Adds what prediction leaves of the coefficients of a matrix, which it gives too.
     pub(super) fn trace_coefficients(
         &self,
         weights: &Weights,
@@ -255,25 +277,22 @@ impl SymbolCoder {
         entries: &[i32],
         trace: &mut Trace,
     ) -> Vec<i32> {
-        let mut kept: Vec<i32> = Vec::new();
         let mut own = entries.to_vec();
+        let mut kept: Vec<i32> = Vec::with_capacity(entries.len());
         self.walk_coefficients(task, weights, &mut own, |row, outlook, entries| {
             own_contexts(&mut outlook.contexts, task, row, None);
-            let contexts = outlook.contexts.iter();
-            let coded = contexts.zip(&outlook.predictions).zip(entries);
-            let coded = coded.map(|((&context, &prediction), entry)| match context {
-                UNCODED => 0,
-                _ => entry.wrapping_sub(prediction),
-            });
             let start = kept.len();
-            kept.extend(coded);
-            trace.coefficients.extend(kept[start..].iter().zip(&outlook.fractions).map(|(c, &f)| if f < 0 { c.wrapping_neg() } else { *c }));
-            trace.contexts.extend_from_slice(&outlook.contexts);
+            for (i, entry) in entries.iter().enumerate() {
+                let residual = entry.wrapping_sub(outlook.predictions[i]);
+                let is_coded = outlook.contexts[i] != UNCODED;
+                kept.push(if is_coded { residual } else { 0 });
+            }
+            trace.add_row(outlook, &kept[start..], self.turns);
         });
         kept
     }
 
-    /// Shows the trainer of a matrix its coefficients; gives what is coded of them.
+    /// Shows the trainer of a matrix its coefficients; gives what prediction leaves of them.
     pub(super) fn show_coefficients(
         &self,
         trainer: &Trainer,
@@ -282,35 +301,26 @@ impl SymbolCoder {
         entries: &[i32],
     ) -> Vec<i32> {
         let cells = self.cells;
-        let mut surroundings = surroundings(cells, task.vertices, self.vectors);
-        let step = surroundings.quarters(self.quantiser.step()) - surroundings.quarters(0);
-        let mut outlook = Outlook::new(cells);
-        let mut coded = Vec::with_capacity(cells * cells);
-        for (j, row) in entries.chunks_exact(cells).enumerate() {
-            let company = self.accompany(&mut *surroundings, task, j);
-            self.foresee_coefficients(
-                &mut *surroundings,
-                task,
-                j,
-                &company,
-                trainer.weights(),
-                &mut outlook,
-            );
-            for (i, &coefficient) in row.iter().enumerate() {
-                if task.coded.is_none_or(|coded| coded[j * cells + i] != 0) {
-                    let (sight, activity) = surroundings.sight(i, trainer.weights());
-                    let left = coefficient.wrapping_sub(outlook.predictions[i]);
-                    let told = company.told(i, &*surroundings);
-                    let misses = [f64::from(coefficient) * step, f64::from(left) * step];
-                    trainer.see(fit, &sight, activity, misses, told, step);
-                    coded.push(left);
-                } else {
-                    coded.push(0);
+        let mut residuals = vec![0; cells * cells];
+        self.surround(task.vertices, |surroundings, outlook| {
+            let step = surroundings.quarters(self.step()) - surroundings.quarters(0);
+            for (j, row) in entries.chunks_exact(cells).enumerate() {
+                let weights = trainer.weights();
+                let company = self.foresee_coefficients(surroundings, task, j, weights, outlook);
+                for (i, &coefficient) in row.iter().enumerate() {
+                    let index = j * cells + i;
+                    if task.coded.is_none_or(|coded| coded[index] != 0) {
+                        let (sight, activity) = surroundings.sight(i, weights);
+                        residuals[index] = coefficient.wrapping_sub(outlook.predictions[i]);
+                        let misses = [coefficient, residuals[index]].map(|k| f64::from(k) * step);
+                        let told = company.told(i, surroundings);
+                        trainer.see(fit, &sight, activity, misses, told, step);
+                    }
                 }
+                surroundings.complete_coefficients(row, self.step());
             }
-            surroundings.complete_coefficients(row, self.step());
-        }
-        coded
+        });
+        residuals
     }
 
     /// Goes over the rows of centres that are predicted here. `visit` gets each row's number and outlook, and
@@ -322,15 +332,13 @@ impl SymbolCoder {
         centres: &mut [i32],
         mut visit: impl FnMut(usize, &mut Outlook, &mut [i32]),
     ) {
-        let mut surroundings = surroundings(self.cells, task.vertices, self.vectors);
-        let mut outlook = Outlook::new(self.cells);
-        for (index, row) in centres.chunks_exact_mut(self.cells).enumerate() {
-            let company = self.accompany(&mut *surroundings, task, index);
-            surroundings.foresee(weights, &mut outlook);
-            company.add_to(weights, &mut outlook);
-            visit(index, &mut outlook, row);
-            surroundings.complete(row, &outlook);
-        }
+        self.surround(task.vertices, |surroundings, outlook| {
+            for (index, row) in centres.chunks_exact_mut(self.cells).enumerate() {
+                self.foresee(surroundings, task, index, weights, outlook);
+                visit(index, outlook, row);
+                surroundings.complete(row);
+            }
+        });
     }
 
     /// Goes over the rows of a matrix of coefficients. `visit` gets each row's number, and its contexts and
@@ -342,39 +350,54 @@ impl SymbolCoder {
         coefficients: &mut [i32],
         mut visit: impl FnMut(usize, &mut Outlook, &mut [i32]),
     ) {
-        let mut surroundings = surroundings(self.cells, task.vertices, self.vectors);
-        let mut outlook = Outlook::new(self.cells);
-        for (index, row) in coefficients.chunks_exact_mut(self.cells).enumerate() {
-            let company = self.accompany(&mut *surroundings, task, index);
-            self.foresee_coefficients(
-                &mut *surroundings,
-                task,
-                index,
-                &company,
-                weights,
-                &mut outlook,
-            );
-            visit(index, &mut outlook, row);
-            surroundings.complete_coefficients(row, self.step());
-        }
+        self.surround(task.vertices, |surroundings, outlook| {
+            for (index, row) in coefficients.chunks_exact_mut(self.cells).enumerate() {
+                self.foresee_coefficients(surroundings, task, index, weights, outlook);
+                visit(index, outlook, row);
+                surroundings.complete_coefficients(row, self.step());
+            }
+        });
     }
 
-    fn foresee_coefficients(
+    /// Contexts and predictions of a row of centres.
+    fn foresee<'a>(
         &self,
         surroundings: &mut dyn Surroundings,
-        task: &Task,
+        task: &Task<'a>,
         row: usize,
-        company: &Company,
         weights: &Weights,
         outlook: &mut Outlook,
-    ) {
+    ) -> Company<'a> {
+        let company = self.accompany(surroundings, task, row);
+        if self.turns {
+            surroundings.foresee_finely(weights, false, outlook);
+            company.predict(weights, 1, outlook);
+        } else {
+            surroundings.foresee(weights, outlook);
+        }
+        company
+    }
+
+    /// Contexts and predictions of a row of coefficients, which are details where they are predicted by the
+    /// trained predictor.
+    fn foresee_coefficients<'a>(
+        &self,
+        surroundings: &mut dyn Surroundings,
+        task: &Task<'a>,
+        row: usize,
+        weights: &Weights,
+        outlook: &mut Outlook,
+    ) -> Company<'a> {
+        let company = self.accompany(surroundings, task, row);
         if self.adaptive {
-            surroundings.foresee_details(weights, outlook);
+            surroundings.foresee_finely(weights, true, outlook);
         } else {
             surroundings.foresee_contexts(weights, outlook);
             outlook.predictions.fill(0);
+            outlook.fractions.fill(0);
         }
         company.predict(weights, self.step(), outlook);
+        company
     }
 
     /// Tells the surroundings of what is known at the places of a row.
@@ -386,7 +409,7 @@ impl SymbolCoder {
     ) -> Company<'a> {
         let start = row * self.cells;
         let own = |known: &'a Known| Row {
-            coefficients: &known.coefficients[start..start + self.cells],
+            residuals: &known.residuals[start..start + self.cells],
             step: known.step,
         };
         let company = Company(std::array::from_fn(|place| {
@@ -397,29 +420,45 @@ impl SymbolCoder {
         if known().count() > 1 {
             let mut sizes = vec![0i32; self.cells];
             for row in known() {
-                for (size, &coefficient) in sizes.iter_mut().zip(row.coefficients) {
-                    let own = coefficient.unsigned_abs().saturating_mul(row.step as u32);
+                for (size, &residual) in sizes.iter_mut().zip(row.residuals) {
+                    let own = residual.unsigned_abs().saturating_mul(row.step as u32);
                     *size = size.saturating_add_unsigned(own);
                 }
             }
             surroundings.accompany(&sizes, 1);
         } else if let Some(row) = known().next() {
-            surroundings.accompany(row.coefficients, row.step);
+            surroundings.accompany(row.residuals, row.step);
         }
         company
+    }
+
+    /// Lets `work` go through the surroundings of a diamond, with an outlook of its width.
+    fn surround<R>(
+        &self,
+        vertices: &[i32],
+        work: impl FnOnce(&mut dyn Surroundings, &mut Outlook) -> R,
+    ) -> R {
+        thread_local! {
+            /// Kept from diamond to diamond, since making room takes as long as a part of decoding.
+            static ROOM: RefCell<(Workspace, Outlook)> = RefCell::default();
+        }
+        ROOM.with_borrow_mut(|(workspace, outlook)| {
+            outlook.fit(self.cells);
+            work(workspace.start(self.cells, vertices, self.vectors), outlook)
+        })
     }
 }
 
 /// A row of a matrix that is known.
 #[derive(Clone, Copy)]
 struct Row<'a> {
-    coefficients: &'a [i32],
+    residuals: &'a [i32],
     step: i32,
 }
 
 impl Row<'_> {
     fn units(&self, i: usize) -> i64 {
-        i64::from(self.coefficients[i]) * i64::from(self.step)
+        i64::from(self.residuals[i]) * i64::from(self.step)
     }
 }
 
@@ -427,64 +466,54 @@ impl Row<'_> {
 struct Company<'a>([Option<Row<'a>>; COMPANIONS]);
 
 impl Company<'_> {
-    /// What the components before tell of an entry of this context, in units, times 2^10.
-    #[inline(always)]
-    fn scaled(&self, i: usize, weights: &Weights, context: usize) -> i64 {
-        let class = Weights::class(context);
-        let rows = self.0.iter().zip(&weights.companions);
-        rows.fold(0, |sum, (row, weights)| {
-            let units = row.map_or(0, |row| row.units(i));
-            sum + units.clamp(-1 << 40, 1 << 40) * i64::from(weights[class])
-        })
-    }
-
-    /// Adds it to the predictions of centres.
-    fn add_to(&self, weights: &Weights, outlook: &mut Outlook) {
-        if self.0[0].is_none() {
+    /// Moves predictions by what the components before tell, and turns them into coefficients that are worth
+    /// `step` units; their fractions keep no more than their sign.
+    fn predict(&self, weights: &Weights, step: i32, outlook: &mut Outlook) {
+        if self.0[0].is_none() && step == 1 {
             return;
         }
-        let contexts = outlook.contexts.iter().enumerate();
-        for ((i, &context), prediction) in contexts.zip(&mut outlook.predictions) {
-            let scaled = self.scaled(i, weights, usize::from(context)) + i64::from(outlook.fractions[i]);
-            let offset = (scaled + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS;
-            outlook.fractions[i] = (scaled - (offset << WEIGHT_BITS)) as i32;
-            let sum = i64::from(*prediction) + offset;
-            *prediction = sum.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
-        }
-    }
-
-    /// The prediction of a coefficient that is worth `step` units.
-    fn coefficient(&self, i: usize, weights: &Weights, context: usize, own: i32, step: i32) -> i32 {
         let unit = i64::from(step) << WEIGHT_BITS;
-        let scaled = self.scaled(i, weights, context) + i64::from(own);
-        (scaled + unit / 2).div_euclid(unit) as i32
-    }
-
-    /// The predictions of coefficients from those of details in units.
-    fn predict(&self, weights: &Weights, step: i32, outlook: &mut Outlook) {
-        for (i, prediction) in outlook.predictions.iter_mut().enumerate() {
-            let context = usize::from(outlook.contexts[i]);
-            let own = *prediction;
-            *prediction = self.coefficient(i, weights, context, own, step);
-            let scaled = self.scaled(i, weights, context) + i64::from(own);
-            outlook.fractions[i] = if scaled < i64::from(*prediction) * (i64::from(step) << WEIGHT_BITS) { -1 } else { 0 };
+        let both = outlook.predictions.iter_mut().zip(&mut outlook.fractions);
+        for (i, (prediction, fraction)) in both.enumerate() {
+            let class = Weights::class(usize::from(outlook.contexts[i]));
+            let rows = self.0.iter().zip(&weights.companions);
+            let told = rows.fold(0, |sum, (row, weights)| {
+                let units = row.map_or(0, |row| row.units(i));
+                sum + units.clamp(-1 << 40, 1 << 40) * i64::from(weights[class])
+            });
+            let fine = (i64::from(*prediction) << WEIGHT_BITS) + i64::from(*fraction) + told;
+            let coefficient = (fine + unit / 2).div_euclid(unit);
+            let coefficient = coefficient.clamp(i64::from(i32::MIN), i64::from(i32::MAX));
+            *prediction = coefficient as i32;
+            *fraction = (fine - coefficient * unit).signum() as i32;
         }
     }
 
     /// The entries of the components before, in quarters of a shifted unit.
     fn told(&self, i: usize, surroundings: &dyn Surroundings) -> [f64; COMPANIONS] {
-        let zero = surroundings.quarters(0);
-        let unit = surroundings.quarters(1) - zero;
+        let unit = surroundings.quarters(1) - surroundings.quarters(0);
         self.0
             .map(|row| row.map_or(0.0, |row| row.units(i) as f64 * unit))
+    }
+}
+
+/// Changes the signs of the residuals whose predictions were rounded up.
+fn turn(residuals: &mut [i32], fractions: &[i32]) {
+    for (residual, &fraction) in residuals.iter_mut().zip(fractions) {
+        if fraction < 0 {
+            *residual = residual.wrapping_neg();
+        }
     }
 }
 
 /// Turns a row's contexts into those of its matrix, and gives entries that are not coded the one in which
 /// nothing is: that of the model's tables, or [`UNCODED`].
 fn own_contexts(contexts: &mut [u8], task: &Task, row: usize, model: Option<&LevelModel>) {
-    for context in contexts.iter_mut() {
-        *context += (task.matrix * CONTEXTS) as u8;
+    if task.matrix > 0 {
+        let first = (task.matrix * CONTEXTS) as u8;
+        for context in contexts.iter_mut() {
+            *context += first;
+        }
     }
     if let Some(coded) = task.coded {
         let none = model.map_or(UNCODED, |model| model.tables().sure_context());

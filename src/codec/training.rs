@@ -2,6 +2,7 @@
 //!
 //! Sums are taken in a fixed order and nothing is fused, so that every machine finds the same weights.
 
+use super::model::WEIGHT_STEP;
 use crate::transform::adaptive::{
     ACTIVITIES, CLASSES, COMPANIONS, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights,
 };
@@ -13,7 +14,7 @@ const QUARTERS: usize = 128;
 /// Weight of an activity of one quarter of a unit.
 const ACTIVITY_UNIT: f64 = 256.0;
 /// Largest weight.
-const GREATEST: f64 = 8191.0;
+const GREATEST: f64 = 1023.0;
 /// Samples of a class below which its weights lean on those of all classes.
 const FEW_SAMPLES: f64 = 2000.0;
 
@@ -186,20 +187,29 @@ impl Trainer {
     /// Ends a round.
     pub fn learn(&mut self, fit: &Fit) {
         let by_class = self.round + 1 == ROUNDS;
-        for (class, own) in solve_classes(&fit.prediction, by_class).enumerate() {
-            for (weights, own) in self.weights.prediction.iter_mut().zip(own) {
-                weights[class] = in_weight_bits(own);
+        let prediction = solve_classes(&fit.prediction, by_class);
+        for (class, own) in prediction.into_iter().enumerate() {
+            for (feature, own) in own.into_iter().enumerate() {
+                self.weights.prediction[feature / 2][class][feature % 2] = in_weight_bits(own);
             }
         }
-        for (class, own) in solve_classes(&fit.companions, by_class).enumerate() {
+        let companions = solve_classes(&fit.companions, by_class);
+        for (class, own) in companions.into_iter().enumerate() {
             for (weights, own) in self.weights.companions.iter_mut().zip(own) {
                 weights[class] = in_weight_bits(own);
             }
         }
         if self.round + 2 < ROUNDS {
             let activity = fit.activity.solve(&[0.0; ACTIVITIES], 1e-5);
-            self.weights.activity = activity
-                .map(|part| (part * ACTIVITY_UNIT).round().clamp(-GREATEST, GREATEST) as i16);
+            for (own, part) in self
+                .weights
+                .activity
+                .as_flattened_mut()
+                .iter_mut()
+                .zip(activity)
+            {
+                *own = (part * ACTIVITY_UNIT).round().clamp(-GREATEST, GREATEST) as i16;
+            }
         } else if self.round + 2 == ROUNDS {
             self.weights.first_context = first_context(&fit.quarters);
         }
@@ -208,28 +218,23 @@ impl Trainer {
 }
 
 /// The weights of each class; those of all together, unless `by_class`.
-fn solve_classes<const N: usize>(
-    classes: &[Equations<N>],
-    by_class: bool,
-) -> impl Iterator<Item = [f64; N]> {
+fn solve_classes<const N: usize>(classes: &[Equations<N>], by_class: bool) -> Vec<[f64; N]> {
     let mut all = Equations::new();
     for class in classes {
         all.merge(class);
     }
     let general = all.solve(&[0.0; N], 1e-5);
-    classes.iter().map(move |equations| {
+    let solve = |equations: &Equations<N>| {
         let few = FEW_SAMPLES / (FEW_SAMPLES + equations.count);
-        if by_class {
-            equations.solve(&general, 1e-5 + 0.1 * few)
-        } else {
-            general
-        }
-    })
+        equations.solve(&general, 1e-5 + 0.1 * few)
+    };
+    let own = |equations| if by_class { solve(equations) } else { general };
+    classes.iter().map(own).collect()
 }
 
 fn in_weight_bits(weight: f64) -> i16 {
-    let unit = f64::from(1u32 << WEIGHT_BITS);
-    (weight * unit).round().clamp(-GREATEST, GREATEST) as i16
+    let unit = f64::from(1u32 << WEIGHT_BITS) / f64::from(WEIGHT_STEP);
+    (weight * unit).round().clamp(-GREATEST, GREATEST) as i16 * WEIGHT_STEP
 }
 
 /// The first of the consecutive quarter octaves, as many as there are contexts, that hold the most samples.

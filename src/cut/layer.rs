@@ -3,7 +3,7 @@
 use super::source::Summary;
 use crate::codec::{
     BlockCodec, ColourUnits, Components, ErrorCode, Matrix, Model, Outline, RangeCode, Refined,
-    RootCodec, SymbolCoder, Units,
+    RootCodec, Units,
 };
 use crate::geo::RasterInfo;
 use crate::lattice::{Diamond, Lattice};
@@ -42,30 +42,34 @@ impl Layer {
         if !consistent {
             return Err(damaged("header: its numbers contradict each other".into()));
         }
-        let components = components_of(header).map_err(|error| damaged(format!("header: {error}")))?;
+        let components =
+            components_of(header).map_err(|error| damaged(format!("header: {error}")))?;
         let cells = lattice.cells();
         let transforms = components.transforms(header.transform, cells);
         let root = RootCodec::new(&lattice, components.quantisers(&transforms, None))
             .decode(store.roots())
             .map_err(|error| damaged(format!("roots: {error}")))?;
-        let matrices = transforms.iter().map(|transform| transform.matrices()).sum();
-        let model = match header.entropy {
-            EntropyKind::Gamma => None,
-            EntropyKind::Rans => {
-                let (tables, count) = (store.tables(), components.count());
-                let model = Model::from_bytes(tables, lattice.levels(), matrices, count);
-                let model = model.filter(|model| count == 1 || model.listed.is_none());
-                Some(model.ok_or_else(|| {
-                    damaged("tables: they are not what a builder writes".into())
-                })?)
-            }
-        };
+        let matrices = transforms
+            .iter()
+            .map(|transform| transform.matrices())
+            .sum();
+        let model =
+            match header.entropy {
+                EntropyKind::Gamma => None,
+                EntropyKind::Rans => {
+                    let (tables, count) = (store.tables(), components.count());
+                    let model = Model::from_bytes(tables, lattice.levels(), matrices, count);
+                    let model = model.filter(|model| count == 1 || model.listed.is_none());
+                    Some(model.ok_or_else(|| {
+                        damaged("tables: they are not what a builder writes".into())
+                    })?)
+                }
+            };
         let listed = model.as_ref().and_then(|model| model.listed.clone());
         let quantisers = components.quantisers(&transforms, listed);
         let mut codec = BlockCodec::new(cells, header.void_samples > 0, transforms);
         if let Some(model) = model {
-            let coder = |quantiser| SymbolCoder::new(cells, quantiser, model.adaptive, true);
-            let symbols = quantisers.into_iter().map(coder).collect();
+            let symbols = components.coders(cells, quantisers, model.adaptive);
             codec = codec.with_symbols(symbols).with_model(model);
         }
         Ok(Layer {

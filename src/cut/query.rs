@@ -92,29 +92,32 @@ impl Query {
         let shift = lattice.cells_log2();
         let main = ((x >> shift) + (y >> shift)) % 2 == 0;
         let corners = leaf_triangle(main, a, b);
-        let mut unit = 0.0;
+        let mut sample = 0.0;
         for (corner, weight) in corners {
             let at = [x + corner[0], y + corner[1]];
-            let height = self.sample(at)?;
-            match height {
-                Some(height) => unit += weight * f64::from(height),
+            match self.sample(at)? {
+                Some(corner) => sample += weight * corner,
                 // A vertex without weight does not bear the point.
                 None if weight == 0.0 => {}
                 None => return Ok(None),
             }
         }
         let terrain = &self.terrain;
-        let [base, scale] = terrain.height_to_world();
         let info = terrain.raster_info();
         Ok(Some(Height {
-            height: base + scale * unit,
+            height: info.value_offset + info.value_scale * sample,
             error_bound: terrain.header().max_error * info.value_scale.abs(),
             level: terrain.lattice().levels(),
         }))
     }
 
-    /// The decoded unit of a sample of the raster; `None` for a void.
-    fn sample(&mut self, at: [i64; 2]) -> Result<Option<i32>> {
+    /// A decoded sample of the raster; `None` for a void.
+    fn sample(&mut self, at: [i64; 2]) -> Result<Option<f64>> {
+        let unit = self.unit(at)?;
+        Ok(unit.map(|unit| self.terrain.units().to_sample(unit)))
+    }
+
+    fn unit(&mut self, at: [i64; 2]) -> Result<Option<i32>> {
         let lattice = self.terrain.lattice();
         let Some((diamond, place)) = lattice.finest_around(at) else {
             let side = lattice.cells() as i64 + 1;

@@ -53,12 +53,7 @@ pub fn level_size(layer: &Layer, level: u32) -> Result<[u32; 2]> {
 ///
 /// [`Error::Argument`] for a level or window outside the repository, or a buffer of another size; those of
 /// reading and decoding blocks.
-pub fn read_window(
-    layer: &Layer,
-    level: u32,
-    window: Window,
-    samples: &mut [f64],
-) -> Result<()> {
+pub fn read_window(layer: &Layer, level: u32, window: Window, samples: &mut [f64]) -> Result<()> {
     let step = i64::from(level_step(layer, level)?);
     let [columns, rows] = level_size(layer, level)?;
     let fits = |start: u32, length: u32, end: u32| {
@@ -191,7 +186,10 @@ impl Sweep<'_> {
         let sample = &mut self.samples[target * bands..(target + 1) * bands];
         if matrix.is_valid(index) {
             let entries = matrix.values.len() / bands;
-            components.to_sample(|component| matrix.values[component * entries + index], sample);
+            components.to_sample(
+                |component| matrix.values[component * entries + index],
+                sample,
+            );
         } else {
             sample.fill(f64::NAN);
         }

@@ -11,12 +11,10 @@ use super::bits::{BitReader, BitWriter};
 use super::frequency::{Frequencies, PRECISION, SLOTS};
 use super::token;
 
-/// Lanes of a block of at least [`LONG_BLOCK`] bytes.
+/// Most lanes of a block.
 pub const LANES: usize = 8;
-/// Lanes of a shorter block: the end of each costs about 15 bits.
-pub const FEW_LANES: usize = 2;
-/// Bytes from which on a block has [`LANES`] lanes.
-pub const LONG_BLOCK: usize = 640;
+/// Lanes of blocks from so many bytes on. Lanes make decoding fast, but the end of each costs about 15 bits.
+const LANES_FROM: [(usize, usize); 3] = [(448, LANES), (256, 4), (0, 2)];
 /// Where every state ends, and the least that one is between two symbols.
 pub(super) const LEAST: u32 = SLOTS as u32;
 /// Bits of a state's bit length, less those of [`LEAST`].
@@ -77,28 +75,32 @@ pub fn encode(tables: &Tables, contexts: &[u8], coefficients: &[i32], least: usi
     }
     let mut raw = raw.into_bytes();
     raw.reverse();
-    let mut bytes = interleave::<LANES>(&symbols);
-    let mut length = least.max(bytes.len() + raw.len());
-    if length < LONG_BLOCK {
-        let short = interleave::<FEW_LANES>(&symbols);
-        if short.len() + raw.len() < LONG_BLOCK {
-            length = least.max(short.len() + raw.len());
-            bytes = short;
-        } else {
-            length = LONG_BLOCK;
+    let mut longer: Option<(usize, Vec<u8>)> = None;
+    for (from, lanes) in LANES_FROM {
+        let bytes = interleave(&symbols, lanes);
+        let length = least.max(bytes.len() + raw.len());
+        if length < from {
+            longer = Some((from, bytes));
+            continue;
         }
+        // Fewer lanes need fewer bytes; should roundings make them more, zeros lengthen what more lanes gave.
+        let (length, mut bytes) = match longer {
+            Some((limit, longer)) if length >= limit => (limit, longer),
+            _ => (length, bytes),
+        };
+        bytes.resize(length - raw.len(), 0);
+        bytes.extend(raw);
+        return bytes;
     }
-    bytes.resize(length - raw.len(), 0);
-    bytes.extend(raw);
-    bytes
+    unreachable!("every length is at least 0")
 }
 
 /// States and words of the slot ranges of some symbols.
-fn interleave<const COUNT: usize>(symbols: &[(u16, u16)]) -> Vec<u8> {
-    let mut states = [LEAST; COUNT];
+fn interleave(symbols: &[(u16, u16)], lanes: usize) -> Vec<u8> {
+    let mut states = [LEAST; LANES];
     let mut words = Vec::with_capacity(symbols.len() / 4);
     for (index, &(first, frequency)) in symbols.iter().enumerate().rev() {
-        let state = &mut states[index % COUNT];
+        let state = &mut states[index % lanes];
         let frequency = u32::from(frequency);
         if *state >= frequency << 16 {
             words.push(*state as u16);
@@ -107,7 +109,7 @@ fn interleave<const COUNT: usize>(symbols: &[(u16, u16)]) -> Vec<u8> {
         *state = ((*state / frequency) << PRECISION) + *state % frequency + u32::from(first);
     }
     let mut head = BitWriter::new();
-    for state in states {
+    for &state in &states[..lanes] {
         let length = state.ilog2();
         head.put(u64::from(length - PRECISION), LENGTH_BITS);
         head.put(u64::from(state) & ((1 << length) - 1), length);
@@ -156,11 +158,7 @@ impl<'a> Decoder<'a> {
         scratch.clear();
         scratch.extend_from_slice(block);
         scratch.resize(block.len() + PADDING, 0);
-        let lanes = if block.len() >= LONG_BLOCK {
-            LANES
-        } else {
-            FEW_LANES
-        };
+        let (_, lanes) = LANES_FROM[LANES_FROM.partition_point(|(from, _)| block.len() < *from)];
         let mut states = [LEAST; LANES];
         let mut head = BitReader::new(block);
         for state in &mut states[..lanes] {
@@ -185,48 +183,65 @@ impl<'a> Decoder<'a> {
     /// # Panics
     /// If a context has no table, or `coefficients` is shorter than `contexts`.
     pub fn decode(&mut self, contexts: &[u8], coefficients: &mut [i32]) {
-        let last = contexts.iter().copied().max().unwrap_or(0);
+        let last = contexts.iter().fold(0, |last, &context| last.max(context));
         assert!(last <= self.tables.sure_context() && contexts.len() <= coefficients.len());
-        let whole = contexts.len().is_multiple_of(LANES) && self.decoded.is_multiple_of(LANES);
-        let greatest = if self.vectors && whole && self.lanes == LANES {
-            simd::decode(self, contexts, coefficients)
-        } else {
-            self.decode_scalar(contexts, coefficients)
+        let whole = (contexts.len() | self.decoded).is_multiple_of(LANES);
+        let greatest = match self.lanes {
+            LANES if self.vectors && whole => simd::decode(self, contexts, coefficients),
+            2 if whole => self.decode_lanes::<2>(contexts, coefficients),
+            4 if whole => self.decode_lanes::<4>(contexts, coefficients),
+            LANES if whole => self.decode_lanes::<LANES>(contexts, coefficients),
+            _ => self.decode_lanes::<1>(contexts, coefficients),
         };
         self.decoded += contexts.len();
         if greatest >= i32::from(token::FIRST_RAW) {
+            let block = &self.bytes[..self.length];
             for coefficient in &mut coefficients[..contexts.len()] {
-                *coefficient = self
-                    .raw
-                    .join(*coefficient as u8, &self.bytes[..self.length]);
-            }
-        } else {
-            for coefficient in &mut coefficients[..contexts.len()] {
-                *coefficient = token::small(*coefficient as u8);
+                let symbol = ((*coefficient << 1) ^ (*coefficient >> 31)) as u8;
+                if symbol >= token::FIRST_RAW {
+                    *coefficient = self.raw.join(symbol, block);
+                }
             }
         }
     }
 
-    /// Symbols of the next contexts; returns the greatest.
-    fn decode_scalar(&mut self, contexts: &[u8], symbols: &mut [i32]) -> i32 {
-        let mut greatest = 0;
-        for (index, (&context, symbol)) in contexts.iter().zip(symbols).enumerate() {
-            let state = &mut self.states[(self.decoded + index) % self.lanes];
-            let slot = *state as usize % SLOTS;
-            let entry = self.tables.slots[usize::from(context) * SLOTS + slot];
-            let frequency = (entry >> 8 & (SLOTS as u32 - 1)) + 1;
-            *state = frequency * (*state >> PRECISION) + (entry >> 19);
-            if *state < LEAST {
-                let word = self
-                    .bytes
-                    .get(self.position..)
-                    .and_then(|rest| rest.first_chunk());
-                *state = *state << 16 | u32::from(word.map_or(0, |word| u16::from_le_bytes(*word)));
-                self.position += 2;
+    /// Symbols of the next contexts, as the coefficients that they would be if all were small; returns
+    /// the greatest. `COUNT` is the number of lanes, whose turn begins; or 1, to look for the lane each time.
+    fn decode_lanes<const COUNT: usize>(&mut self, contexts: &[u8], symbols: &mut [i32]) -> i32 {
+        let mut states: [u32; COUNT] = std::array::from_fn(|lane| self.states[lane]);
+        let slots = self.tables.slots.as_slice();
+        let (bytes, mut position, mut greatest) = (self.bytes, self.position, 0);
+        let rounds = contexts
+            .chunks_exact(COUNT)
+            .zip(symbols.chunks_exact_mut(COUNT));
+        for (round, (contexts, symbols)) in rounds.enumerate() {
+            for lane in 0..COUNT {
+                let mut state = states[lane];
+                if COUNT == 1 {
+                    state = self.states[(self.decoded + round) % self.lanes];
+                }
+                let slot = state as usize % SLOTS;
+                let entry = slots[usize::from(contexts[lane]) * SLOTS + slot];
+                let frequency = (entry >> 8 & (SLOTS as u32 - 1)) + 1;
+                state = frequency * (state >> PRECISION) + (entry >> 19);
+                if state < LEAST {
+                    let word = bytes.get(position..).and_then(|rest| rest.first_chunk());
+                    state =
+                        state << 16 | u32::from(word.map_or(0, |word| u16::from_le_bytes(*word)));
+                    position += 2;
+                }
+                symbols[lane] = token::small(entry as u8);
+                greatest = greatest.max((entry & 255) as i32);
+                if COUNT == 1 {
+                    self.states[(self.decoded + round) % self.lanes] = state;
+                }
+                states[lane] = state;
             }
-            *symbol = (entry & 255) as i32;
-            greatest = greatest.max(*symbol);
         }
+        if COUNT > 1 {
+            self.states[..COUNT].copy_from_slice(&states);
+        }
+        self.position = position;
         greatest
     }
 
@@ -311,6 +326,6 @@ mod simd {
 
     #[cfg(not(target_arch = "x86_64"))]
     pub(super) fn decode(decoder: &mut Decoder, contexts: &[u8], symbols: &mut [i32]) -> i32 {
-        decoder.decode_scalar(contexts, symbols)
+        decoder.decode_lanes::<LANES>(contexts, symbols)
     }
 }

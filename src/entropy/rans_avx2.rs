@@ -25,10 +25,11 @@ static WORD_OF_LANE: [[u8; 8]; 256] = {
     table
 };
 
-/// Decodes as many symbols as there are contexts and returns the greatest. Beyond `bytes` less 16 words are 0.
+/// Decodes as many symbols as there are contexts, as the coefficients that they would be if all were small, and
+/// returns the greatest. Beyond `bytes` less 16 words are 0.
 ///
 /// # Safety
-/// The processor has AVX2; `contexts` and `symbols` have the same length, a multiple of 8; `slots` has
+/// The processor has AVX2; `contexts` and `coefficients` have the same length, a multiple of 8; `slots` has
 /// 2048 entries for every context; `bytes` has at least 16, the last 16 of them zeros.
 #[target_feature(enable = "avx2,popcnt")]
 pub(super) unsafe fn decode(
@@ -36,14 +37,14 @@ pub(super) unsafe fn decode(
     slots: &[u32],
     bytes: &[u8],
     contexts: &[u8],
-    symbols: &mut [i32],
+    coefficients: &mut [i32],
 ) -> i32 {
     let last = bytes.len() - 16;
     let low_bits = _mm256_set1_epi32((1 << PRECISION) - 1);
     let one = _mm256_set1_epi32(1);
     let byte = _mm256_set1_epi32(255);
     let mut greatest = _mm256_setzero_si256();
-    // SAFETY: loads of contexts and stores of symbols stay within slices of equal length, a multiple of 8;
+    // SAFETY: loads of contexts and stores of coefficients stay within slices of equal length, a multiple of 8;
     // a gather's index is a context times 2048 plus 11 bits; words are read at most 16 bytes before the
     // end of `bytes`.
     unsafe {
@@ -54,7 +55,9 @@ pub(super) unsafe fn decode(
             let index = _mm256_or_si256(table, _mm256_and_si256(states, low_bits));
             let entry = _mm256_i32gather_epi32::<4>(slots.as_ptr().cast(), index);
             let symbol = _mm256_and_si256(entry, byte);
-            _mm256_storeu_si256(symbols.as_mut_ptr().add(start).cast(), symbol);
+            let sign = _mm256_sub_epi32(_mm256_setzero_si256(), _mm256_and_si256(symbol, one));
+            let coefficient = _mm256_xor_si256(_mm256_srli_epi32::<1>(symbol), sign);
+            _mm256_storeu_si256(coefficients.as_mut_ptr().add(start).cast(), coefficient);
             greatest = _mm256_max_epi32(greatest, symbol);
             let frequency = _mm256_add_epi32(
                 _mm256_and_si256(_mm256_srli_epi32::<8>(entry), low_bits),

@@ -13,10 +13,11 @@ use crate::build::source::RowSource;
 use crate::build::source::samples::stored_value;
 use crate::build::{BuildOptions, BuildReport, build};
 use crate::geo::{RasterInfo, Registration, SampleType};
+use crate::store::{EntropyKind, TransformKind};
 use crate::{Error, Result};
 
 /// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
-/// double each, NaN for a void, any other value a sample of the raster's type (it is rounded to a
+/// double each (three for a colour: red, green, blue), NaN for a void (in all three), any other value a sample of the raster's type (it is rounded to a
 /// float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one after the
 /// other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
 /// out of it.
@@ -35,6 +36,30 @@ pub type kmb_rows_callback = Option<
 pub type kmb_progress_callback =
     Option<unsafe extern "C" fn(user: *mut c_void, done: u64, total: u64) -> i32>;
 
+/// How a raster becomes levels, and what its error is.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum kmb_transform {
+    /// Coarse levels are samples of the finest. No vertex of any level is off by more than the
+    /// maximum error.
+    KMB_TRANSFORM_INTERPOLATING = 0,
+    /// Coarse levels are filtered. Lossless, or within a root mean square error.
+    KMB_TRANSFORM_LIFTED = 1,
+    /// Coarse levels are filtered. No sample is off by more than the maximum error, nor any vertex
+    /// of a coarser level from the filtered one.
+    KMB_TRANSFORM_TWO_STAGE = 2,
+}
+
+/// How coefficients become bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum kmb_entropy {
+    /// In contexts, by tables that are trained on the raster.
+    KMB_ENTROPY_RANS = 0,
+    /// A quadtree of Elias gamma codes: larger, and nothing is trained.
+    KMB_ENTROPY_GAMMA = 1,
+}
+
 /// What to build.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -48,12 +73,24 @@ pub struct kmb_builder_options {
     /// Rows; at least 2.
     pub height: u32,
     /// Largest allowed difference between a decoded sample and the input's, in sample units; 0 is
-    /// lossless for integers.
+    /// lossless for integers. KMB_TRANSFORM_LIFTED takes only 0.
     pub max_error: f64,
     /// Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
     pub cells: u32,
     /// Threads to use, or 0 for one a core. The file does not depend on it.
     pub threads: u32,
+    /// A kmb_transform.
+    pub transform: u32,
+    /// A kmb_entropy.
+    pub entropy: u32,
+    /// For KMB_TRANSFORM_LIFTED: largest allowed root mean square difference, in sample units, or 0
+    /// for lossless. The largest difference that comes with it is in the report and in the file.
+    pub rms_error: f64,
+    /// Numbers of a sample: 0 or 1 for heights; 3 for colours (red, green, blue), which are of
+    /// KMB_SAMPLE_U8 or KMB_SAMPLE_U16. Errors are then those of each of the three.
+    pub bands: u32,
+    /// 0.
+    pub reserved: u32,
 }
 
 /// What a build made.
@@ -107,7 +144,8 @@ impl Handle for kmb_builder {
 ///
 /// May be called from any thread at any time.
 ///
-/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for errors that the transform cannot keep),
+/// KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_builder_create(
     options: *const kmb_builder_options,
@@ -122,11 +160,17 @@ pub unsafe extern "C" fn kmb_builder_create(
             .ok_or_else(|| Failure::argument(format!("sample type {number} is unknown")))?;
         let made = kmb_builder {
             broken: AtomicBool::new(false),
-            raster: RasterInfo::new(options.width, options.height, sample_type),
+            raster: RasterInfo {
+                bands: bands(options.bands, sample_type)?,
+                ..RasterInfo::new(options.width, options.height, sample_type)
+            },
             options: BuildOptions {
+                transform: transform_kind(options.transform)?,
                 max_error: options.max_error,
+                rms_error: (options.rms_error != 0.0).then_some(options.rms_error),
                 cells_log2: cells_log2(options.cells)?,
                 threads: options.threads as usize,
+                entropy: entropy_kind(options.entropy)?,
                 ..BuildOptions::default()
             },
         };
@@ -146,20 +190,45 @@ fn cells_log2(cells: u32) -> std::result::Result<u32, Failure> {
     }
 }
 
+fn bands(number: u32, sample_type: SampleType) -> std::result::Result<u8, Failure> {
+    match (number, sample_type) {
+        (0 | 1, _) => Ok(1),
+        (3, SampleType::U8 | SampleType::U16) => Ok(3),
+        (3, _) => Err(Failure::argument(format!(
+            "colours are u8 or u16, not {}",
+            sample_type.name()
+        ))),
+        _ => Err(Failure::argument(format!(
+            "{number} bands: heights have 1, colours 3"
+        ))),
+    }
+}
+
+fn entropy_kind(number: u32) -> std::result::Result<EntropyKind, Failure> {
+    match number {
+        n if n == kmb_entropy::KMB_ENTROPY_RANS as u32 => Ok(EntropyKind::Rans),
+        n if n == kmb_entropy::KMB_ENTROPY_GAMMA as u32 => Ok(EntropyKind::Gamma),
+        _ => Err(Failure::argument(format!(
+            "entropy coder {number} is unknown"
+        ))),
+    }
+}
+
+fn transform_kind(number: u32) -> std::result::Result<TransformKind, Failure> {
+    let kind = u8::try_from(number)
+        .ok()
+        .and_then(|number| TransformKind::try_from(number).ok());
+    kind.ok_or_else(|| Failure::argument(format!("transform {number} is unknown")))
+}
+
 fn check_shape(builder: &kmb_builder) -> Outcome {
     let (width, height) = (builder.raster.width, builder.raster.height);
-    let max_error = builder.options.max_error;
     if width < 2 || height < 2 {
         return Err(Failure::argument(format!(
             "a raster of {width} x {height} samples: at least 2 x 2 are needed"
         )));
     }
-    if max_error.is_nan() || max_error < 0.0 {
-        return Err(Failure::argument(format!(
-            "the maximum error must be a number from 0 up, not {max_error}"
-        )));
-    }
-    Ok(())
+    Ok(builder.options.check()?)
 }
 
 /// Frees a builder. NULL is allowed. No other call may use the handle at the same time, or
@@ -354,15 +423,16 @@ pub unsafe extern "C" fn kmb_builder_write(
             // SAFETY: as above.
             false => Some(unsafe { output_struct(report) }?),
         };
-        let (width, user) = (builder.raster.width as usize, User(rows_user));
+        let (row_length, user) = (builder.raster.row_length(), User(rows_user));
+        let bands = usize::from(builder.raster.bands);
         let sample_type = builder.raster.sample_type;
         let next_rows = move |first_row: u32, samples: &mut [f64]| -> Result<()> {
-            let row_count = (samples.len() / width) as u32;
+            let row_count = (samples.len() / row_length) as u32;
             // SAFETY: the caller gave a function that may be called so, with this `user`.
             let answer =
                 unsafe { rows(user.pointer(), first_row, row_count, samples.as_mut_ptr()) };
             if answer == 0 {
-                return as_stored(sample_type, width, first_row, samples);
+                return as_stored(sample_type, [row_length, bands], first_row, samples);
             }
             let message = format!("row {first_row}: the rows callback answered {answer}");
             Err(Error::input(Path::new("(rows)"), message))
@@ -383,7 +453,7 @@ pub unsafe extern "C" fn kmb_builder_write(
 /// Rounds samples to their type, and refuses those that it does not have.
 fn as_stored(
     sample_type: SampleType,
-    width: usize,
+    [row_length, bands]: [usize; 2],
     first_row: u32,
     samples: &mut [f64],
 ) -> Result<()> {
@@ -393,7 +463,8 @@ fn as_stored(
         .filter(|(_, sample)| !sample.is_nan())
     {
         *sample = stored_value(*sample, sample_type).ok_or_else(|| {
-            let (column, row) = (index % width, first_row as usize + index / width);
+            let column = index % row_length / bands;
+            let row = first_row as usize + index / row_length;
             let name = sample_type.name();
             let message = format!("the sample {sample} at column {column}, row {row} is no {name}");
             Error::input(Path::new("(rows)"), message)

@@ -8,6 +8,8 @@
 //! Heights are taken relative to the middle of the diamond's vertices and shifted down until they fit
 //! a [`Word`]; with words of 16 bits the shift is 0 unless a diamond spans more than 16382 units.
 
+use crate::vectors::widened;
+
 /// Numbers that a prediction is a weighted sum of.
 pub const FEATURES: usize = 16;
 /// Numbers that an activity is a weighted sum of.
@@ -24,10 +26,10 @@ pub const CONTEXTS: usize = 4 * CLASSES;
 /// Trained numbers of the predictor, for the diamonds of some levels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Weights {
-    /// For each feature its weight in each class, in 2^-10.
-    pub prediction: [[i16; CLASSES]; FEATURES],
-    /// For each part of the activity its weight.
-    pub activity: [i16; ACTIVITIES],
+    /// In 2^-10: entry `[f / 2][class][f % 2]` is that of feature f, since vectors multiply two at once.
+    pub prediction: [[[i16; 2]; CLASSES]; FEATURES / 2],
+    /// Of part p of the activity at `[p / 2][p % 2]`.
+    pub activity: [[i16; 2]; ACTIVITIES / 2],
     /// Quarter octaves of activity below which the context is 0.
     pub first_context: i32,
     /// For each component before by how much its residual moves the prediction in each class, in 2^-10.
@@ -37,11 +39,10 @@ pub struct Weights {
 impl Weights {
     /// Order 4 wherever it is, and contexts by the roughness around.
     pub fn fixed() -> Weights {
-        let mut prediction = [[0; CLASSES]; FEATURES];
-        prediction[0] = [-(1 << (WEIGHT_BITS - 3)); CLASSES];
-        prediction[1] = prediction[0];
-        let mut activity = [16; ACTIVITIES];
-        activity[ACTIVITIES - 1] = 64;
+        let mut prediction = [[[0; 2]; CLASSES]; FEATURES / 2];
+        prediction[0] = [[-(1 << (WEIGHT_BITS - 3)); 2]; CLASSES];
+        let mut activity = [[16; 2]; ACTIVITIES / 2];
+        activity[ACTIVITIES / 2 - 1][1] = 64;
         Weights {
             prediction,
             activity,
@@ -71,7 +72,7 @@ impl Weights {
 }
 
 /// Integers that a diamond's relative heights are kept in.
-pub(super) trait Word: Copy + Default + Send + Sync {
+pub(super) trait Word: Copy + Default + Send + Sync + 'static {
     /// Largest magnitude of a relative height; four of them still fit.
     const REACH: i32;
     /// Largest magnitude of any number that is kept.
@@ -82,6 +83,10 @@ pub(super) trait Word: Copy + Default + Send + Sync {
     fn wide(self) -> i32;
     /// The low bits of a number that arithmetic on words leaves.
     fn wrap(value: i64) -> i64;
+    /// Heights, all within reach when shifted, relative to a base.
+    fn fill(base: i32, shift: u32, heights: &[i32], words: &mut [Self]);
+    /// What does whole rows of so many cells at once, where the processor can.
+    fn kernels(cells: usize) -> Option<Kernels<Self>>;
 }
 
 impl Word for i16 {
@@ -100,6 +105,17 @@ impl Word for i16 {
     fn wrap(value: i64) -> i64 {
         i64::from(value as i32)
     }
+    fn fill(base: i32, _shift: u32, heights: &[i32], words: &mut [i16]) {
+        subtract(base, heights, words);
+    }
+    #[cfg(target_arch = "x86_64")]
+    fn kernels(cells: usize) -> Option<Kernels<i16>> {
+        super::adaptive_avx2::kernels(cells)
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    fn kernels(_cells: usize) -> Option<Kernels<i16>> {
+        None
+    }
 }
 
 impl Word for i32 {
@@ -117,6 +133,23 @@ impl Word for i32 {
     fn wrap(value: i64) -> i64 {
         value
     }
+    fn fill(base: i32, shift: u32, heights: &[i32], words: &mut [i32]) {
+        for (word, &height) in words.iter_mut().zip(heights) {
+            *word = relative::<i32>(height, base, shift);
+        }
+    }
+    fn kernels(_cells: usize) -> Option<Kernels<i32>> {
+        None
+    }
+}
+
+/// Functions that do a whole row at once, with the results of the portable ones.
+#[derive(Clone, Copy)]
+pub(super) struct Kernels<T> {
+    /// [`Surroundings::foresee`].
+    pub foresee: fn(&mut Neighbourhood<T>, &Weights, &mut Outlook),
+    /// [`Surroundings::complete`].
+    pub complete: fn(&mut Neighbourhood<T>, &[i32]),
 }
 
 /// What is known of a centre before it is coded; all heights in quarters of a shifted unit.
@@ -136,11 +169,21 @@ impl Sight {
     /// How far off a prediction may be, by these weights.
     #[inline(always)]
     fn activity<T: Word>(&self, weights: &Weights) -> i32 {
-        let parts = self.activities.iter().zip(&weights.activity);
+        let parts = self.activities.iter().zip(weights.activity.as_flattened());
         let activity = parts.fold(0, |sum, (&part, &weight)| {
             sum + i64::from(part) * i64::from(weight)
         });
         T::wrap(activity).clamp(0, i64::from(i32::MAX)) as i32
+    }
+
+    /// How much higher than by order 2 the prediction of a class is, in quarters times 2^10.
+    #[inline(always)]
+    fn correction(&self, weights: &Weights, class: usize) -> i64 {
+        let features = self.features.chunks_exact(2).zip(&weights.prediction);
+        features.fold(0, |total, (pair, weights)| {
+            let [one, other] = weights[class].map(i64::from);
+            total + i64::from(pair[0]) * one + i64::from(pair[1]) * other
+        })
     }
 }
 
@@ -156,6 +199,7 @@ const RIM: usize = 1;
 pub(super) const ROW_RIM: usize = 2;
 
 /// A diamond in the making: its vertices, and of the centres what the next row needs.
+#[derive(Default)]
 pub(super) struct Neighbourhood<T> {
     pub(super) cells: usize,
     /// Entries from one row of `vertices` to the next.
@@ -170,44 +214,66 @@ pub(super) struct Neighbourhood<T> {
     pub(super) surprises: [Vec<T>; 2],
     /// Relative centres of the row before.
     pub(super) above: Vec<T>,
+    /// Where order 4 expects the centres of the row at hand, in quarters of a shifted unit.
+    pub(super) expected: Vec<T>,
     /// Activity of the same row in components that are known already, with a rim of zeros.
     pub(super) companion: Vec<T>,
     /// The row at hand.
     pub(super) row: usize,
+    kernels: Option<Kernels<T>>,
 }
 
-/// Least and greatest of some heights.
-fn extremes(values: &[i32]) -> (i32, i32) {
-    values
-        .iter()
-        .fold((i32::MAX, i32::MIN), |(low, high), &value| {
-            (low.min(value), high.max(value))
-        })
+widened! {
+    /// Least and greatest of some heights.
+    fn extremes(values: &[i32]) -> [i32; 2] {
+        let (mut low, mut high) = (i32::MAX, i32::MIN);
+        for &value in values {
+            low = low.min(value);
+            high = high.max(value);
+        }
+        [low, high]
+    }
+}
+
+widened! {
+    /// The low words of the distances of some heights from `base`, exact where they are within reach.
+    fn subtract(base: i32, heights: &[i32], words: &mut [i16]) {
+        for (word, &height) in words.iter_mut().zip(heights) {
+            *word = height.wrapping_sub(base) as i16;
+        }
+    }
 }
 
 impl<T: Word> Neighbourhood<T> {
-    /// A diamond with the (N+1)^2 `vertices`, whose least and greatest are given, at its first row of
+    /// Begins with the (N+1)^2 `vertices` of a diamond, whose least and greatest are given, at its first row of
     /// centres.
-    fn new(cells: usize, vertices: &[i32], low: i32, high: i32) -> Neighbourhood<T> {
+    fn start(&mut self, cells: usize, vertices: &[i32], [low, high]: [i32; 2], vectors: bool) {
         let span = i64::from(high) - i64::from(low);
-        let shifts = 0..i32::BITS;
         let fits = |shift: &u32| span >> shift <= 2 * i64::from(T::REACH);
         let side = cells + 1;
-        let stride = side + 2 * RIM + VECTOR_SLACK;
-        let row = || vec![T::default(); cells + 2 * ROW_RIM + VECTOR_SLACK];
-        let mut neighbourhood = Neighbourhood {
-            cells,
-            stride,
-            base: ((i64::from(low) + i64::from(high)) >> 1) as i32,
-            shift: shifts.into_iter().find(fits).unwrap_or(0),
-            vertices: vec![T::default(); (side + 2 * RIM) * stride + VECTOR_SLACK],
-            surprises: [row(), row()],
-            above: row(),
-            companion: row(),
-            row: 0,
-        };
-        neighbourhood.fill(vertices);
-        neighbourhood
+        self.base = ((i64::from(low) + i64::from(high)) >> 1) as i32;
+        self.shift = (0..i32::BITS).find(fits).unwrap_or(0);
+        self.row = 0;
+        self.kernels = if vectors { T::kernels(cells) } else { None };
+        if self.cells != cells {
+            self.cells = cells;
+            self.stride = side + 2 * RIM + VECTOR_SLACK;
+            let all = (side + 2 * RIM) * self.stride + VECTOR_SLACK;
+            self.vertices.resize(all, T::default());
+        }
+        let row = cells + 2 * ROW_RIM + VECTOR_SLACK;
+        let [newest, older] = &mut self.surprises;
+        for rows in [
+            newest,
+            older,
+            &mut self.above,
+            &mut self.companion,
+            &mut self.expected,
+        ] {
+            rows.clear();
+            rows.resize(row, T::default());
+        }
+        self.fill(vertices);
     }
 
     /// Places the vertices and copies the outermost into the rim.
@@ -215,9 +281,7 @@ impl<T: Word> Neighbourhood<T> {
         let (stride, side) = (self.stride, self.cells + 1);
         for (j, row) in vertices.chunks_exact(side).enumerate() {
             let own = &mut self.vertices[(j + RIM) * stride..(j + RIM + 1) * stride];
-            for (own, &vertex) in own[RIM..].iter_mut().zip(row) {
-                *own = T::narrow(relative::<T>(vertex, self.base, self.shift));
-            }
+            T::fill(self.base, self.shift, row, &mut own[RIM..]);
             own[0] = own[RIM];
             own[RIM + side] = own[side];
         }
@@ -339,21 +403,16 @@ pub struct Outlook {
     pub contexts: Vec<u8>,
     /// Predicted heights, not yet clamped to any range.
     pub predictions: Vec<i32>,
-    /// What rounding took from each, in units times 2^10: -512 to 511.
+    /// What rounding took from each prediction that was made finely, in units times 2^10: -512 to 511.
     pub fractions: Vec<i32>,
-    /// Where a centre is expected by order 4, in quarters of a shifted unit.
-    pub(super) expected: Vec<i32>,
 }
 
 impl Outlook {
-    /// Room for rows of `cells` centres.
-    pub fn new(cells: usize) -> Outlook {
-        Outlook {
-            contexts: vec![0; cells],
-            predictions: vec![0; cells],
-            fractions: vec![0; cells],
-            expected: vec![0; cells],
-        }
+    /// Makes room for rows of `cells` centres.
+    pub fn fit(&mut self, cells: usize) {
+        self.contexts.resize(cells, 0);
+        self.predictions.resize(cells, 0);
+        self.fractions.resize(cells, 0);
     }
 }
 
@@ -361,17 +420,17 @@ impl Outlook {
 /// and completed.
 pub trait Surroundings {
     /// Contexts and predictions of the row at hand.
-    fn foresee(&self, weights: &Weights, outlook: &mut Outlook);
+    fn foresee(&mut self, weights: &Weights, outlook: &mut Outlook);
+
+    /// Contexts and predictions of the row at hand, with what rounding takes from these; with `details` not of
+    /// the centres, but of how much higher they are than the mean of the 4 nearest vertices.
+    fn foresee_finely(&mut self, weights: &Weights, details: bool, outlook: &mut Outlook);
 
     /// Contexts of the row at hand, for coefficients whose predictions are made elsewhere.
-    fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook);
-
-    /// Contexts of the row at hand, and predictions of the details beside the mean of the 4 nearest vertices,
-    /// in units times 2^10.
-    fn foresee_details(&self, weights: &Weights, outlook: &mut Outlook);
+    fn foresee_contexts(&mut self, weights: &Weights, outlook: &mut Outlook);
 
     /// Ends a row whose centres were foreseen and are known now.
-    fn complete(&mut self, centres: &[i32], outlook: &Outlook);
+    fn complete(&mut self, centres: &[i32]);
 
     /// Ends a row of coefficients, each worth `step` units.
     fn complete_coefficients(&mut self, coefficients: &[i32], step: i32);
@@ -386,66 +445,92 @@ pub trait Surroundings {
     fn quarters(&self, height: i32) -> f64;
 }
 
-/// The surroundings of the N^2 centres of a diamond with these (N+1)^2 vertices. `vectors` allows what the
-/// processor has, to the same result.
-pub fn surroundings(cells: usize, vertices: &[i32], vectors: bool) -> Box<dyn Surroundings> {
-    let (low, high) = extremes(vertices);
-    if i64::from(high) - i64::from(low) > 2 * i64::from(i16::REACH) {
-        return Box::new(Neighbourhood::<i32>::new(cells, vertices, low, high));
+/// Room for a diamond at a time.
+#[derive(Default)]
+pub struct Workspace {
+    narrow: Neighbourhood<i16>,
+    wide: Neighbourhood<i32>,
+}
+
+impl Workspace {
+    /// The surroundings of the N^2 centres of a diamond with these (N+1)^2 vertices. `vectors` allows what
+    /// the processor has, to the same result.
+    pub fn start(
+        &mut self,
+        cells: usize,
+        vertices: &[i32],
+        vectors: bool,
+    ) -> &mut dyn Surroundings {
+        let [low, high] = extremes(vertices);
+        if i64::from(high) - i64::from(low) > 2 * i64::from(i16::REACH) {
+            self.wide.start(cells, vertices, [low, high], vectors);
+            return &mut self.wide;
+        }
+        self.narrow.start(cells, vertices, [low, high], vectors);
+        &mut self.narrow
     }
-    let narrow = Neighbourhood::<i16>::new(cells, vertices, low, high);
-    let _ = vectors;
-    Box::new(narrow)
 }
 
 impl<T: Word> Surroundings for Neighbourhood<T> {
-    fn foresee(&self, weights: &Weights, outlook: &mut Outlook) {
+    fn foresee(&mut self, weights: &Weights, outlook: &mut Outlook) {
+        assert!(self.row < self.cells, "a row after the last");
+        if let Some(kernels) = self.kernels {
+            return (kernels.foresee)(self, weights, outlook);
+        }
         for i in 0..self.cells {
             let sight = self.look(i);
             let context = weights.context(sight.activity::<T>(weights));
-            let class = Weights::class(context);
-            let correction = sight.features.iter().zip(&weights.prediction);
             let start = (i64::from(sight.order_two) << WEIGHT_BITS) + (1 << (WEIGHT_BITS + 1));
-            let total = correction.fold(start, |total, (&feature, weights)| {
-                total + i64::from(feature) * i64::from(weights[class])
-            });
+            let total = start + sight.correction(weights, Weights::class(context));
             let offset = T::wrap(total) >> (WEIGHT_BITS + 2) << self.shift;
-            outlook.fractions[i] = if self.shift > 0 { 0 } else { (T::wrap(total) >> 2 & 1023) as i32 - 512 };
             outlook.contexts[i] = context as u8;
             outlook.predictions[i] = (i64::from(self.base) + offset) as i32;
-            outlook.expected[i] = saturate::<T>(sight.order_two + sight.order_four);
+            self.expected[i] = T::narrow(saturate::<T>(sight.order_two + sight.order_four));
         }
     }
 
-    fn foresee_contexts(&self, weights: &Weights, outlook: &mut Outlook) {
+    fn foresee_finely(&mut self, weights: &Weights, details: bool, outlook: &mut Outlook) {
+        for i in 0..self.cells {
+            let sight = self.look(i);
+            let context = weights.context(sight.activity::<T>(weights));
+            let correction = sight.correction(weights, Weights::class(context));
+            let (from, base) = match details {
+                true => (0, 0),
+                false => (i64::from(sight.order_two) << WEIGHT_BITS, self.base),
+            };
+            let fine = (T::wrap(from + correction) << self.shift) >> 2;
+            let half = 1 << (WEIGHT_BITS - 1);
+            let offset = (fine + half) >> WEIGHT_BITS;
+            let prediction = i64::from(base) + offset;
+            outlook.contexts[i] = context as u8;
+            outlook.predictions[i] =
+                prediction.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
+            outlook.fractions[i] = (fine - (offset << WEIGHT_BITS)) as i32;
+            self.expected[i] = T::narrow(saturate::<T>(sight.order_two + sight.order_four));
+        }
+    }
+
+    fn foresee_contexts(&mut self, weights: &Weights, outlook: &mut Outlook) {
+        assert!(self.row < self.cells, "a row after the last");
+        if let Some(kernels) = self.kernels {
+            return (kernels.foresee)(self, weights, outlook);
+        }
         for (i, context) in outlook.contexts.iter_mut().enumerate() {
             *context = weights.context(self.look(i).activity::<T>(weights)) as u8;
         }
     }
 
-    fn foresee_details(&self, weights: &Weights, outlook: &mut Outlook) {
-        for i in 0..self.cells {
-            let sight = self.look(i);
-            let context = weights.context(sight.activity::<T>(weights));
-            let class = Weights::class(context);
-            let correction = sight.features.iter().zip(&weights.prediction);
-            let total = correction.fold(2, |total, (&feature, weights)| {
-                total + i64::from(feature) * i64::from(weights[class])
-            });
-            let detail = T::wrap(total) >> 2 << self.shift;
-            outlook.contexts[i] = context as u8;
-            outlook.predictions[i] = detail.clamp(-1 << 30, 1 << 30) as i32;
+    fn complete(&mut self, centres: &[i32]) {
+        if let Some(kernels) = self.kernels {
+            return (kernels.complete)(self, centres);
         }
-    }
-
-    fn complete(&mut self, centres: &[i32], outlook: &Outlook) {
         let ([newest, older], above) = (&mut self.surprises, &mut self.above);
         std::mem::swap(newest, older);
         let (base, shift) = (self.base, self.shift);
         for (i, &centre) in centres.iter().enumerate() {
             let relative = relative::<T>(centre, base, shift);
             above[i + ROW_RIM] = T::narrow(relative);
-            let surprise = 4 * relative - outlook.expected[i];
+            let surprise = 4 * relative - self.expected[i].wide();
             newest[i + ROW_RIM] = T::narrow(saturate::<T>(surprise));
         }
         self.row += 1;

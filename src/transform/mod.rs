@@ -1,6 +1,8 @@
 //! Floor 1: prediction and reconstruction on one diamond. Knows no bytes and no files.
 
 pub mod adaptive;
+#[cfg(target_arch = "x86_64")]
+mod adaptive_avx2;
 mod interpolating;
 mod lifted;
 mod neville;

@@ -1,5 +1,7 @@
 //! The quantiser inside the prediction loop.
 
+use crate::vectors::widened;
+
 /// Turns the distance of a height from its prediction into a coefficient, and back.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Quantiser {
@@ -88,8 +90,15 @@ impl Quantiser {
             }
             return;
         }
-        // No sum of sound coefficients leaves 32 bits here; damaged ones wrap before they are clamped.
-        let step = self.step();
+        reconstruct_steps(self.step(), self.range(), predictions, row);
+    }
+}
+
+widened! {
+    /// Replaces coefficients by heights. No sum of sound ones leaves 32 bits; those of damaged ones wrap before
+    /// they are clamped.
+    fn reconstruct_steps(step: i32, range: [i32; 2], predictions: &[i32], row: &mut [i32]) {
+        let [low, high] = range;
         for (height, &prediction) in row.iter_mut().zip(predictions) {
             let prediction = prediction.clamp(low, high);
             *height = prediction

@@ -195,7 +195,7 @@ fn options_that_do_not_exist_yet() {
     let folder = Folder::new();
     let (input, output) = (sample("rocky_mountain_np_dem.tif"), folder.path("a.kmb"));
     for [option, value] in [
-        ["--transform", "lifted"],
+        ["--transform", "two-lifted"],
         ["--entropy", "rans"],
         ["--cells", "48"],
     ] {
@@ -211,6 +211,42 @@ fn options_that_do_not_exist_yet() {
         ];
         run.refuses(option, &[value, "possible values"]);
     }
+}
+
+#[test]
+fn errors_that_a_transform_cannot_keep() {
+    let folder = Folder::new();
+    let (input, output) = (sample("jacksboro_fault_srtm3.tif"), folder.path("a.kmb"));
+    for (transform, option, value, cause) in [
+        ("interpolating", "--rms", "1", "needs the transform lifted"),
+        ("two-stage", "--rms", "1", "needs the transform lifted"),
+        ("lifted", "--max-error", "1", "keeps no maximum error"),
+    ] {
+        let run = kmb![
+            "build",
+            &input,
+            "-o",
+            &output,
+            "--transform",
+            transform,
+            option,
+            value
+        ];
+        run.refuses("jacksboro_fault_srtm3.tif", &[cause]);
+    }
+    let both = kmb![
+        "build",
+        &input,
+        "-o",
+        &output,
+        "--max-error",
+        "0",
+        "--rms",
+        "1"
+    ];
+    both.refuses("--rms", &["cannot be used with"]);
+    kmb!["build", &input, "-o", &output, "--rms", "nan"].refuses("--rms", &["nan"]);
+    assert!(folder.names().is_empty());
 }
 
 #[test]

@@ -104,6 +104,52 @@ fn what_comes_out_is_what_went_in_within_the_error() {
 }
 
 #[test]
+fn every_transform_is_named_and_verified() {
+    let folder = Folder::new();
+    let (input, repository) = (sample("jacksboro_fault_srtm3.tif"), folder.path("a.kmb"));
+    for (transform, option, limit) in [
+        ("interpolating", "--max-error", 4.0),
+        ("two-stage", "--max-error", 4.0),
+        ("lifted", "--max-error", 0.0),
+        ("lifted", "--rms", 2.0),
+    ] {
+        let number = limit.to_string();
+        let run = kmb![
+            "build",
+            &input,
+            "-o",
+            &repository,
+            "--transform",
+            transform,
+            option,
+            &number,
+            "--json"
+        ];
+        let built = run.succeeds().json();
+        let kept = if option == "--rms" {
+            "rms_error"
+        } else {
+            "max_error"
+        };
+        assert!(built[kept].as_f64().unwrap() <= limit, "{built:?}");
+        let info = kmb!["info", &repository, "--json"].succeeds().json();
+        assert_eq!(info["transform"], transform);
+        assert_eq!(info["lossless"], limit == 0.0);
+        assert_eq!(info["max_error"], built["max_error"]);
+        let bound = info["max_error_bound"].as_f64().unwrap();
+        if option == "--rms" {
+            assert_eq!(info["max_error_bound"], built["max_error"]);
+        } else {
+            assert_eq!(bound, limit);
+        }
+        let found = kmb!["verify", &repository, "--against", &input, "--json"];
+        let found = found.succeeds().json();
+        assert_eq!(found["max_error"], built["max_error"]);
+        assert_eq!(found["rms_error"], built["rms_error"]);
+    }
+}
+
+#[test]
 fn neighbouring_rasters_become_one() {
     let (folder, west, east) = (
         Folder::new(),

@@ -2,6 +2,7 @@
 
 mod cases;
 mod properties;
+mod repositories;
 mod scenes;
 #[path = "../support/mod.rs"]
 mod support;

@@ -319,13 +319,13 @@ fn check_order(source: &MemorySource) -> Result<(), TestCaseError> {
 }
 
 /// The drawn triangles, found again by the samples under them.
-struct Surface {
+pub struct Surface {
     heights: HashMap<[i64; 2], f64>,
 }
 
 impl Surface {
     /// Of expanded patches.
-    fn new(patches: &[Arc<Patch>], cut: &Cut) -> Surface {
+    pub fn new(patches: &[Arc<Patch>], cut: &Cut) -> Surface {
         let mut heights = HashMap::new();
         for patch in patches {
             let vertex = |index: u16| {
@@ -341,7 +341,7 @@ impl Surface {
         Surface { heights }
     }
 
-    fn height(&self, place: [i64; 2]) -> Option<f64> {
+    pub fn height(&self, place: [i64; 2]) -> Option<f64> {
         self.heights.get(&place).copied()
     }
 }

@@ -1,15 +1,13 @@
 //! The real repository against the reference model: every vertex of every diamond, its validity, and its
 //! stored error and range.
 
-use crate::rasters::Raster;
+use crate::rasters::{Raster, decode_diamonds};
 use crate::reference::model::{Model, encode_from};
-use kimberlite::codec::{Matrix, child_vertices};
 use kimberlite::cut::{DiamondSource, Terrain};
 use kimberlite::geo::SampleType;
 use kimberlite::lattice::Diamond;
 use kimberlite::store::Access;
 use proptest::prelude::*;
-use std::collections::HashMap;
 
 fn rasters() -> impl Strategy<Value = Raster> {
     (2u32..70, 2u32..70, any::<u64>(), 0u32..4).prop_map(|(width, height, seed, voids)| {
@@ -35,29 +33,6 @@ fn rasters() -> impl Strategy<Value = Raster> {
     })
 }
 
-/// Vertex and centre matrices of all refinable diamonds, decoded from the file.
-fn decoded(terrain: &Terrain) -> HashMap<Diamond, (Matrix, Option<Matrix>)> {
-    let lattice = terrain.lattice();
-    let mut all: HashMap<Diamond, (Matrix, Option<Matrix>)> = HashMap::new();
-    for level in 0..=lattice.levels() {
-        for diamond in lattice.diamonds(level) {
-            let vertices = if level == 0 {
-                terrain.root().clone()
-            } else {
-                let parents = lattice.parents(diamond).map(|parent| {
-                    let (vertices, centres) = &all[&parent?];
-                    Some((vertices, centres.as_ref()?))
-                });
-                child_vertices(lattice, diamond, parents)
-            };
-            let centres = (level < lattice.levels())
-                .then(|| terrain.refine(diamond, &vertices).unwrap().centres);
-            all.insert(diamond, (vertices, centres));
-        }
-    }
-    all
-}
-
 fn model_of(raster: &Raster, terrain: &Terrain, bound: i64) -> Model {
     let unit = |sample: &f64| (!sample.is_nan()).then_some(*sample as i64);
     let samples = raster.samples.iter().map(unit).collect();
@@ -80,7 +55,7 @@ fn model_of(raster: &Raster, terrain: &Terrain, bound: i64) -> Model {
 }
 
 /// Descends through the first existing parents, whose ranges the codes refer to.
-fn summary_of(terrain: &Terrain, diamond: Diamond) -> kimberlite::cut::Summary {
+pub fn summary_of(terrain: &Terrain, diamond: Diamond) -> kimberlite::cut::Summary {
     let parent = terrain
         .lattice()
         .parents(diamond)
@@ -101,18 +76,18 @@ proptest! {
         raster.build(&path, bound as f64, 4).unwrap();
         let terrain = Terrain::open(&path, Access::Map).unwrap();
         let model = model_of(&raster, &terrain, bound);
-        let all = decoded(&terrain);
+        let all = decode_diamonds(&terrain);
         prop_assert_eq!(all.len(), model.diamonds.len());
         let errors = model.errors();
         for (diamond, record) in &model.diamonds {
             let id = Diamond::planar(diamond.x as i32, diamond.y as i32);
-            let (vertices, centres) = &all[&id];
+            let (vertices, refined) = &all[&id];
             for (index, expected) in record.vertices.iter().enumerate() {
                 prop_assert_eq!(i64::from(vertices.values[index]), expected.value, "{:?}", diamond);
             }
             for (index, expected) in record.centres.iter().enumerate() {
                 let Some(expected) = expected else { continue };
-                let centres = centres.as_ref().unwrap();
+                let centres = &refined.as_ref().unwrap().centres;
                 prop_assert_eq!(i64::from(centres.values[index]), *expected, "{:?}", diamond);
                 prop_assert_eq!(centres.is_valid(index), record.coefficients[index].is_some());
             }

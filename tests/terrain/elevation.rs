@@ -1,13 +1,14 @@
-//! Every real raster at three maximum errors: built, verified against its input, extracted, compared.
+//! Every real raster by every transform at three errors: built, verified against its input, extracted, compared.
 //!
 //! Takes `data/`, and the folder that `KIMBERLITE_DATA` names; says what it passed over.
 
 use crate::rasters::max_difference;
+use crate::transforms::{Limit, options};
+use kimberlite::build::build;
 use kimberlite::build::source::{SourceOptions, open};
-use kimberlite::build::{BuildOptions, build};
 use kimberlite::cut::Terrain;
 use kimberlite::geo::RasterInfo;
-use kimberlite::store::Access;
+use kimberlite::store::{Access, TransformKind};
 use kimberlite::tool::{self, Extract};
 use std::path::{Path, PathBuf};
 
@@ -43,15 +44,19 @@ fn read(path: &Path) -> (RasterInfo, Vec<f64>) {
     (info, samples)
 }
 
-fn check(path: &Path, max_error: f64) {
+fn check(path: &Path, transform: TransformKind, limit: Limit) {
     let folder = tempfile::tempdir().unwrap();
     let repository = folder.path().join("a.kmb");
     let mut source = open(path, &SourceOptions::default()).unwrap();
-    let options = BuildOptions {
-        max_error,
-        ..BuildOptions::default()
-    };
+    let options = options(transform, limit, 6);
     let report = build(source.as_mut(), &options, &repository, &mut |_, _| true).unwrap();
+    let max_error = match limit {
+        Limit::Max(max_error) => max_error,
+        Limit::Rms(rms_error) => {
+            assert!(report.rms_error <= rms_error);
+            report.max_error
+        }
+    };
     let valid = (report.samples - report.void_samples).max(1);
 
     let terrain = Terrain::open(&repository, Access::Positioned).unwrap();
@@ -111,8 +116,10 @@ fn check(path: &Path, max_error: f64) {
         "beyond the input's range"
     );
     println!(
-        "{:40} E {max_error:8} max error {:8.4} bits per sample {:7.4}",
+        "{:33} {:13} {:9} max error {:8.4} bits per sample {:7.4}",
         path.file_name().unwrap().to_string_lossy(),
+        format!("{transform:?}"),
+        format!("{limit:?}"),
         report.max_error,
         8.0 * report.bytes as f64 / valid as f64,
     );
@@ -130,12 +137,15 @@ fn real_rasters_keep_their_certified_error_georeference_and_voids() {
             }
         };
         let integer = source.info().sample_type.is_integer();
-        for max_error in if integer {
+        let errors = if integer {
             [0.0, 2.0, 8.0]
         } else {
             [0.01, 0.1, 1.0]
-        } {
-            check(&path, max_error);
+        };
+        for error in errors {
+            check(&path, TransformKind::Interpolating, Limit::Max(error));
+            check(&path, TransformKind::TwoStage, Limit::Max(error));
+            check(&path, TransformKind::Lifted, Limit::Rms(error));
         }
         count += 1;
     }

@@ -1,8 +1,12 @@
 //! Rasters to repositories and back, beside a reference model that shares no code with the library.
 
 mod against_reference;
+mod depth;
 mod elevation;
+mod filters;
+mod pyramid;
 mod rasters;
 mod reference;
 mod reference_model;
 mod round_trip;
+mod transforms;

@@ -2,10 +2,13 @@
 
 use kimberlite::build::source::RowSource;
 use kimberlite::build::{BuildOptions, BuildReport, build};
+use kimberlite::codec::{Matrix, Refined, child_vertices};
 use kimberlite::cut::{DiamondSource, Terrain, Window, read_window};
 use kimberlite::geo::{RasterInfo, SampleType};
+use kimberlite::lattice::Diamond;
 use kimberlite::store::Access;
 use kimberlite::{Error, Result};
+use std::collections::HashMap;
 use std::path::Path;
 
 /// A raster in memory; NaN is a void.
@@ -35,11 +38,20 @@ impl Raster {
     }
 
     pub fn build(&self, path: &Path, max_error: f64, cells_log2: u32) -> Result<BuildReport> {
+        self.build_with(
+            path,
+            &BuildOptions {
+                max_error,
+                cells_log2,
+                ..BuildOptions::default()
+            },
+        )
+    }
+
+    pub fn build_with(&self, path: &Path, options: &BuildOptions) -> Result<BuildReport> {
         let options = BuildOptions {
-            max_error,
-            cells_log2,
             threads: 2,
-            ..BuildOptions::default()
+            ..options.clone()
         };
         build(&mut self.source(), &options, path, &mut |_, _| true)
     }
@@ -67,6 +79,30 @@ pub fn decode(path: &Path, access: Access) -> Result<Vec<f64>> {
     let mut samples = vec![0.0; (info.width * info.height) as usize];
     read_window(&terrain, terrain.lattice().levels(), window, &mut samples)?;
     Ok(samples)
+}
+
+/// Every diamond's vertices on its own level and, but for leaves, what refining it gives.
+pub fn decode_diamonds(terrain: &Terrain) -> HashMap<Diamond, (Matrix, Option<Refined>)> {
+    let lattice = terrain.lattice();
+    let mut all: HashMap<Diamond, (Matrix, Option<Refined>)> = HashMap::new();
+    for level in 0..=lattice.levels() {
+        for diamond in lattice.diamonds(level) {
+            let vertices = if level == 0 {
+                terrain.root().clone()
+            } else {
+                let parents = lattice.parents(diamond).map(|parent| {
+                    let (vertices, refined) = &all[&parent?];
+                    let refined = refined.as_ref()?;
+                    Some((refined.vertices(vertices), &refined.centres))
+                });
+                child_vertices(lattice, diamond, parents)
+            };
+            let refined =
+                (level < lattice.levels()).then(|| terrain.refine(diamond, &vertices).unwrap());
+            all.insert(diamond, (vertices, refined));
+        }
+    }
+    all
 }
 
 /// Largest |a - b|; panics where only one is void.

@@ -1,0 +1,319 @@
+//! The rows of [`Neighbourhood`] in AVX2: sixteen centres at a time, with the results of the portable
+//! functions, whose names and order these follow.
+
+use super::adaptive::{
+    Kernels, Neighbourhood, Outlook, ROW_RIM, UNIT_ACTIVITY, WEIGHT_BITS, Weights, Word,
+};
+use std::arch::x86_64::*;
+
+/// The vector functions, where the processor has them and rows are whole vectors.
+pub(super) fn kernels(cells: usize) -> Option<Kernels<i16>> {
+    let usable = cells.is_multiple_of(LANES) && std::arch::is_x86_feature_detected!("avx2");
+    usable.then_some(Kernels {
+        // SAFETY: the processor has AVX2, and rows are whole vectors.
+        foresee: |neighbourhood, weights, outlook| unsafe {
+            foresee(neighbourhood, weights, outlook);
+        },
+        // SAFETY: as above.
+        complete: |neighbourhood, centres| unsafe { complete(neighbourhood, centres) },
+    })
+}
+
+/// Centres of a vector.
+const LANES: usize = 16;
+
+/// A sum of products for each of sixteen centres: 0 to 3 and 8 to 11 in one half, the others in the other, as
+/// unpacking leaves them.
+#[derive(Clone, Copy)]
+struct Totals {
+    low: __m256i,
+    high: __m256i,
+}
+
+impl Totals {
+    /// Adds two numbers of each centre, weighted by a pair of weights in each 32 bits.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn add(&mut self, one: __m256i, other: __m256i, low: __m256i, high: __m256i) {
+        let pairs = _mm256_unpacklo_epi16(one, other);
+        self.low = _mm256_add_epi32(self.low, _mm256_madd_epi16(pairs, low));
+        let pairs = _mm256_unpackhi_epi16(one, other);
+        self.high = _mm256_add_epi32(self.high, _mm256_madd_epi16(pairs, high));
+    }
+}
+
+/// Sixteen words from a slice on.
+///
+/// # Safety
+/// The slice has sixteen entries from `at` on.
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn load(words: &[i16], at: usize) -> __m256i {
+    debug_assert!(at + LANES <= words.len());
+    // SAFETY: the caller's.
+    unsafe { _mm256_loadu_si256(words.as_ptr().add(at).cast()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn clamp(value: __m256i, low: __m256i, high: __m256i) -> __m256i {
+    _mm256_max_epi16(_mm256_min_epi16(value, high), low)
+}
+
+/// Sizes up to 32767.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn size(value: __m256i) -> __m256i {
+    _mm256_min_epu16(_mm256_abs_epi16(value), _mm256_set1_epi16(i16::MAX))
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn sum<const COUNT: usize>(terms: [__m256i; COUNT]) -> __m256i {
+    let mut sum = terms[0];
+    for &term in &terms[1..] {
+        sum = _mm256_adds_epi16(sum, term);
+    }
+    sum
+}
+
+/// # Safety
+/// The processor has AVX2; the cells are a multiple of sixteen, the outlook's rows as long.
+#[target_feature(enable = "avx2")]
+unsafe fn foresee(
+    neighbourhood: &mut Neighbourhood<i16>,
+    weights: &Weights,
+    outlook: &mut Outlook,
+) {
+    debug_assert_eq!(neighbourhood.shift, 0);
+    for start in (0..neighbourhood.cells).step_by(LANES) {
+        // SAFETY: `start` and fifteen more are centres of the row.
+        unsafe { foresee_vector(neighbourhood, weights, outlook, start) };
+    }
+}
+
+/// Features and activities of sixteen centres, those of `Neighbourhood::look`.
+///
+/// # Safety
+/// As [`foresee`]; `start` and fifteen more are centres of the row.
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn foresee_vector(
+    own: &mut Neighbourhood<i16>,
+    weights: &Weights,
+    outlook: &mut Outlook,
+    start: usize,
+) {
+    let zero = _mm256_setzero_si256();
+    let at = |j: usize, i: usize| {
+        // SAFETY: three rows after the last one foreseen and as many columns are there, and the slack.
+        unsafe { load(&own.vertices, (own.row + j) * own.stride + start + i) }
+    };
+    let add = |a, b| _mm256_add_epi16(a, b);
+    let less = |a, b| _mm256_subs_epi16(a, b);
+    let min = |a, b| _mm256_min_epi16(a, b);
+    let max = |a, b| _mm256_max_epi16(a, b);
+    let four = |a| _mm256_slli_epi16::<2>(a);
+    let (a, b, d, e) = (at(1, 1), at(1, 2), at(2, 1), at(2, 2));
+    let (left, lower_left, right, lower_right) = (at(1, 0), at(2, 0), at(1, 3), at(2, 3));
+    let (upper, upper_right, under, under_right) = (at(0, 1), at(0, 2), at(3, 1), at(3, 2));
+    let (c00, c03, c30, c33) = (at(0, 0), at(0, 3), at(3, 0), at(3, 3));
+    let order_two = add(add(a, b), add(d, e));
+    let beside = less(
+        add(add(left, lower_left), add(right, lower_right)),
+        order_two,
+    );
+    let over = less(
+        add(add(upper, upper_right), add(under, under_right)),
+        order_two,
+    );
+    let corners = less(add(add(c00, c03), add(c30, c33)), order_two);
+    let diagonal = less(add(a, e), add(b, d));
+    let outer_diagonal = less(add(c00, c33), add(c03, c30));
+    let ring = _mm256_adds_epi16(beside, over);
+    let order_four = less(zero, _mm256_srai_epi16::<3>(ring));
+    let (low, high) = (min(min(a, b), min(d, e)), max(max(a, b), max(d, e)));
+    let (lowest, highest) = (less(four(low), order_two), less(four(high), order_two));
+    let slope_a = _mm256_abs_epi16(less(a, e));
+    let slope_b = _mm256_abs_epi16(less(b, d));
+    let steepness = _mm256_abs_epi16(diagonal);
+    let steadier = _mm256_sign_epi16(diagonal, less(slope_b, slope_a));
+    let middle = less(order_two, _mm256_slli_epi16::<1>(add(low, high)));
+    let median = clamp(order_four, less(zero, steepness), steepness);
+    let held = clamp(order_four, lowest, highest);
+    let row_at = |row: &[i16], back: usize| {
+        // SAFETY: rows have a rim of two on either side and the slack.
+        unsafe { load(row, start + back) }
+    };
+    let [before, before_that] = &own.surprises;
+    let missed: [__m256i; 5] = std::array::from_fn(|back| row_at(before, back));
+    let twice: [__m256i; 3] = std::array::from_fn(|back| row_at(before_that, back + 1));
+    let (step, followed) = if own.row == 0 {
+        (zero, zero)
+    } else {
+        let centre = less(four(row_at(&own.above, ROW_RIM)), order_two);
+        let one = less(four(max(min(a, b), min(d, e))), order_two);
+        let other = less(four(min(max(a, b), max(d, e))), order_two);
+        let step = clamp(centre, min(one, other), max(one, other));
+        (step, clamp(centre, lowest, highest))
+    };
+    let far = _mm256_adds_epi16(missed[0], missed[4]);
+    let features = [
+        [beside, over],
+        [corners, diagonal],
+        [outer_diagonal, missed[1]],
+        [missed[2], missed[3]],
+        [twice[1], middle],
+        [steadier, median],
+        [held, step],
+        [followed, far],
+    ];
+    let rise = |a, b| _mm256_abs_epi16(less(a, b));
+    let rises = sum([
+        rise(a, left),
+        rise(d, lower_left),
+        rise(b, right),
+        rise(e, lower_right),
+        rise(a, upper),
+        rise(b, upper_right),
+        rise(d, under),
+        rise(e, under_right),
+    ]);
+    let bends = sum([
+        size(less(add(left, right), add(a, b))),
+        size(less(add(lower_left, lower_right), add(d, e))),
+        size(less(add(upper, under), add(a, d))),
+        size(less(add(upper_right, under_right), add(b, e))),
+    ]);
+    let sizes = missed.map(|missed| size(missed));
+    let sizes_before = twice.map(|missed| size(missed));
+    let companion = |side: usize| row_at(&own.companion, side);
+    let activities = [
+        [slope_a, slope_b],
+        [steepness, size(ring)],
+        [rises, bends],
+        [sizes[2], _mm256_adds_epi16(sizes[1], sizes[3])],
+        [
+            sum([
+                sizes_before[1],
+                sizes_before[0],
+                sizes_before[2],
+                sizes[0],
+                sizes[4],
+            ]),
+            companion(ROW_RIM),
+        ],
+        [
+            _mm256_adds_epi16(companion(ROW_RIM - 1), companion(ROW_RIM + 1)),
+            _mm256_set1_epi16(UNIT_ACTIVITY as i16),
+        ],
+    ];
+    let mut activity = Totals {
+        low: zero,
+        high: zero,
+    };
+    for ([one, other], weights) in activities.into_iter().zip(&weights.activity) {
+        let pair = _mm256_set1_epi32(packed(*weights));
+        activity.add(one, other, pair, pair);
+    }
+    let contexts = [activity.low, activity.high].map(|activity| context(activity, weights));
+    let total = predict(order_two, &features, &contexts, weights);
+    let base = _mm256_set1_epi32(own.base);
+    let shift = |total| {
+        let offset = _mm256_srai_epi32::<{ WEIGHT_BITS as i32 + 2 }>(total);
+        _mm256_add_epi32(base, offset)
+    };
+    let (low, high) = (shift(total.low), shift(total.high));
+    let expected = _mm256_adds_epi16(order_two, order_four);
+    let bytes = _mm256_packs_epi32(contexts[0], contexts[1]);
+    let bytes = _mm256_permute4x64_epi64::<0b1000>(_mm256_packus_epi16(bytes, bytes));
+    assert!(start + LANES <= outlook.contexts.len() && start + LANES <= outlook.predictions.len());
+    // SAFETY: the rows have sixteen entries from `start` on: the assertion, and the slack of `expected`.
+    unsafe {
+        let predictions = outlook.predictions.as_mut_ptr().add(start);
+        let first = _mm256_permute2x128_si256::<0x20>(low, high);
+        _mm256_storeu_si256(predictions.cast(), first);
+        let second = _mm256_permute2x128_si256::<0x31>(low, high);
+        _mm256_storeu_si256(predictions.add(8).cast(), second);
+        let contexts = outlook.contexts.as_mut_ptr().add(start);
+        _mm_storeu_si128(contexts.cast(), _mm256_castsi256_si128(bytes));
+        _mm256_storeu_si256(own.expected.as_mut_ptr().add(start).cast(), expected);
+    }
+}
+
+/// Two weights in 32 bits.
+fn packed([one, other]: [i16; 2]) -> i32 {
+    i32::from(one as u16) | i32::from(other) << 16
+}
+
+/// Contexts of eight activities.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn context(activity: __m256i, weights: &Weights) -> __m256i {
+    let positive = _mm256_max_epi32(activity, _mm256_set1_epi32(1));
+    let bits = _mm256_castps_si256(_mm256_cvtepi32_ps(positive));
+    let first = _mm256_set1_epi32(4 * 127 + weights.first_context);
+    let context = _mm256_sub_epi32(_mm256_srli_epi32::<21>(bits), first);
+    let last = _mm256_set1_epi32(super::adaptive::CONTEXTS as i32 - 1);
+    _mm256_max_epi32(_mm256_min_epi32(context, last), _mm256_setzero_si256())
+}
+
+/// Weighted features on top of the prediction by order 2, with half a unit for rounding.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn predict(
+    order_two: __m256i,
+    features: &[[__m256i; 2]; 8],
+    contexts: &[__m256i; 2],
+    weights: &Weights,
+) -> Totals {
+    let [low, high] = contexts.map(|contexts| _mm256_srli_epi32::<2>(contexts));
+    let mut total = Totals {
+        low: _mm256_setzero_si256(),
+        high: _mm256_setzero_si256(),
+    };
+    let unit = _mm256_set1_epi32(packed([1 << WEIGHT_BITS, 1 << (WEIGHT_BITS + 1)]));
+    total.add(order_two, _mm256_set1_epi16(1), unit, unit);
+    for ([one, other], weights) in features.iter().zip(&weights.prediction) {
+        // SAFETY: eight pairs of 16 bits are 32 bytes.
+        let table = unsafe { _mm256_loadu_si256(weights.as_ptr().cast()) };
+        let low = _mm256_permutevar8x32_epi32(table, low);
+        let high = _mm256_permutevar8x32_epi32(table, high);
+        total.add(*one, *other, low, high);
+    }
+    total
+}
+
+/// # Safety
+/// As [`foresee`]; there are as many centres as cells.
+#[target_feature(enable = "avx2")]
+unsafe fn complete(own: &mut Neighbourhood<i16>, centres: &[i32]) {
+    assert!(centres.len() == own.cells);
+    own.surprises.swap(0, 1);
+    let reach = <i16 as Word>::REACH;
+    // What lies beyond the reach need not be exact, only as far.
+    let least = _mm256_set1_epi32(own.base.saturating_sub(reach));
+    let greatest = _mm256_set1_epi32(own.base.saturating_add(reach));
+    let base = _mm256_set1_epi32(own.base);
+    let near = |centres: __m256i| {
+        let held = _mm256_max_epi32(_mm256_min_epi32(centres, greatest), least);
+        _mm256_sub_epi32(held, base)
+    };
+    for start in (0..own.cells).step_by(LANES) {
+        // SAFETY: there are sixteen centres from `start` on; rows have a rim of two and the slack.
+        unsafe {
+            let pointer = centres.as_ptr().add(start);
+            let first = near(_mm256_loadu_si256(pointer.cast()));
+            let second = near(_mm256_loadu_si256(pointer.add(8).cast()));
+            let packed = _mm256_packs_epi32(first, second);
+            let relative = _mm256_permute4x64_epi64::<0b11_01_10_00>(packed);
+            let above = own.above.as_mut_ptr().add(start + ROW_RIM);
+            _mm256_storeu_si256(above.cast(), relative);
+            let expected = load(&own.expected, start);
+            let surprise = _mm256_subs_epi16(_mm256_slli_epi16::<2>(relative), expected);
+            let newest = own.surprises[0].as_mut_ptr().add(start + ROW_RIM);
+            _mm256_storeu_si256(newest.cast(), surprise);
+        }
+    }
+    own.row += 1;
+}

@@ -1,0 +1,4 @@
+//! The trained codec: symbols in contexts, prediction, and what vectors must not change.
+
+mod rans;
+mod vectors;

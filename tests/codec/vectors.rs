@@ -1,0 +1,99 @@
+//! Vectors give what the portable functions give, to the bit.
+
+use kimberlite::transform::adaptive::{Outlook, Weights, Workspace};
+use proptest::prelude::*;
+
+/// Rows of numbers up to about `2^bits`.
+fn noise(seed: u64, count: usize, bits: u32) -> Vec<i32> {
+    let mut state = seed | 1;
+    let next = |_| {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 33) as u32 as i32) >> (31 - bits)
+    };
+    (0..count).map(next).collect()
+}
+
+fn any_weights(seed: u64, bits: u32) -> Weights {
+    let numbers = noise(seed, 200, bits);
+    let mut weights = Weights::fixed();
+    let prediction = weights.prediction.as_flattened_mut().as_flattened_mut();
+    let activity = weights.activity.as_flattened_mut();
+    for (weight, number) in prediction.iter_mut().chain(activity).zip(&numbers) {
+        *weight = *number as i16;
+    }
+    weights.first_context = numbers[199].rem_euclid(100);
+    weights
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn vectors_foresee_what_the_portable_function_foresees(
+        seed in any::<u64>(),
+        cells_log2 in 4u32..8,
+        vertex_bits in 0u32..14,
+        centre_bits in 0u32..31,
+        weight_bits in 1u32..14,
+        base in any::<i32>(),
+    ) {
+        let cells = 1 << cells_log2;
+        let base = base / 2;
+        let side = cells + 1;
+        let vertices: Vec<i32> = noise(seed, side * side, vertex_bits).iter().map(|v| v + base).collect();
+        let weights = any_weights(seed ^ 1, weight_bits);
+        let mut rooms = [Workspace::default(), Workspace::default()];
+        let [portable, vectors] = &mut rooms;
+        let mut pair = [
+            portable.start(cells, &vertices, false),
+            vectors.start(cells, &vertices, true),
+        ];
+        let rows = noise(seed ^ 2, cells * cells, centre_bits);
+        for row in rows.chunks_exact(cells) {
+            let centres: Vec<i32> = row.iter().map(|c| c.wrapping_add(base)).collect();
+            let outlooks = pair.each_mut().map(|surroundings| {
+                let mut outlook = Outlook::default();
+                outlook.fit(cells);
+                surroundings.foresee(&weights, &mut outlook);
+                surroundings.complete(&centres);
+                outlook
+            });
+            prop_assert_eq!(&outlooks[0].contexts, &outlooks[1].contexts);
+            prop_assert_eq!(&outlooks[0].predictions, &outlooks[1].predictions);
+        }
+    }
+
+    #[test]
+    fn vectors_find_the_contexts_of_coefficients_that_the_portable_function_finds(
+        seed in any::<u64>(),
+        cells_log2 in 4u32..8,
+        vertex_bits in 0u32..14,
+        coefficient_bits in 0u32..31,
+        step in 1i32..2000,
+    ) {
+        let cells = 1 << cells_log2;
+        let side = cells + 1;
+        let vertices = noise(seed, side * side, vertex_bits);
+        let weights = any_weights(seed ^ 1, 8);
+        let mut rooms = [Workspace::default(), Workspace::default()];
+        let [portable, vectors] = &mut rooms;
+        let mut pair = [
+            portable.start(cells, &vertices, false),
+            vectors.start(cells, &vertices, true),
+        ];
+        let rows = noise(seed ^ 2, cells * cells, coefficient_bits);
+        for row in rows.chunks_exact(cells) {
+            let contexts = pair.each_mut().map(|surroundings| {
+                let mut outlook = Outlook::default();
+                outlook.fit(cells);
+                surroundings.accompany(row, step);
+                surroundings.foresee_contexts(&weights, &mut outlook);
+                surroundings.complete_coefficients(row, step);
+                outlook.contexts
+            });
+            prop_assert_eq!(&contexts[0], &contexts[1]);
+        }
+    }
+}

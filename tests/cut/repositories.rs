@@ -1,0 +1,104 @@
+//! Cuts of repositories whose levels are filtered, where refining a diamond moves its inner vertices.
+
+use crate::properties::Surface;
+use crate::scenes::*;
+use crate::support::camera::{VIEWPORT, project};
+use crate::support::memory::MemorySource;
+use kimberlite::build::source::RowSource;
+use kimberlite::build::{BuildOptions, build};
+use kimberlite::cut::{Cut, DiamondSource, Terrain};
+use kimberlite::geo::{RasterInfo, SampleType};
+use kimberlite::schedule::Budget;
+use kimberlite::store::{Access, TransformKind};
+use proptest::prelude::*;
+use std::sync::Arc;
+
+/// The repository of a source's raster, in the same world.
+fn repository(source: &MemorySource, options: &BuildOptions) -> Arc<Terrain> {
+    let raster = &source.raster;
+    let mut info = RasterInfo::new(raster.width, raster.height, SampleType::I16);
+    let (frame, [offset, scale]) = (source.frame(), source.height_to_world());
+    let ([x, y], [dx, dy]) = (frame.origin, frame.step);
+    info.geotransform = [x, dx, 0.0, y, 0.0, dy];
+    (info.value_offset, info.value_scale) = (offset, scale);
+    let sample = |sample: &Option<i32>| sample.map_or(f64::NAN, f64::from);
+    let samples: Vec<f64> = raster.samples.iter().map(sample).collect();
+    let width = raster.width as usize;
+    let fill = move |row: u32, rows: &mut [f64]| {
+        rows.copy_from_slice(&samples[row as usize * width..][..rows.len()]);
+        Ok(())
+    };
+    let mut rows = RowSource::new(info, Box::new(fill));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.kmb");
+    build(&mut rows, options, &path, &mut |_, _| true).unwrap();
+    let terrain = Terrain::open(&path, Access::Map).unwrap();
+    assert_eq!(terrain.frame(), source.frame());
+    assert_eq!(terrain.height_to_world(), source.height_to_world());
+    Arc::new(terrain)
+}
+
+fn filtering() -> impl Strategy<Value = BuildOptions> {
+    let options = |transform, max_error, rms_error| BuildOptions {
+        transform,
+        max_error,
+        rms_error,
+        cells_log2: 4,
+        threads: 1,
+        ..BuildOptions::default()
+    };
+    prop_oneof![
+        Just(options(TransformKind::Lifted, 0.0, None)),
+        Just(options(TransformKind::Lifted, 0.0, Some(20.0))),
+        Just(options(TransformKind::TwoStage, 0.0, None)),
+        Just(options(TransformKind::TwoStage, 25.0, None)),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn no_cut_of_filtered_levels_has_a_crack(
+        scene in scenes(),
+        options in filtering(),
+        frames in prop::collection::vec((stands(), budgets()), 1..7),
+        expanded in any::<bool>(),
+    ) {
+        let source = MemorySource::rough(scene.raster(), 4, 0.0);
+        let form = if expanded { EXPANDED } else { COMPACT };
+        let mut cut = Cut::new(repository(&source, &options), form).unwrap();
+        for (stand, budget) in frames {
+            cut.update(&view(&source, stand), &budget).unwrap();
+            prop_assert_eq!(cracks(&cut, &source), 0);
+        }
+    }
+
+    #[test]
+    fn coarse_filtered_levels_stay_within_the_tolerance_on_the_screen(
+        scene in scenes(),
+        options in filtering(),
+        stand in stands(),
+    ) {
+        prop_assume!(options.max_error == 0.0 && options.rms_error.is_none());
+        let source = MemorySource::rough(scene.raster(), 4, 0.0);
+        let mut cut = Cut::new(repository(&source, &options), EXPANDED).unwrap();
+        let view = view(&source, stand);
+        settle(&mut cut, &view, &Budget::UNLIMITED);
+        let surface = Surface::new(cut.patches(), &cut);
+        let (w, h) = (i64::from(source.raster.width), i64::from(source.raster.height));
+        for at in (0..w * h).map(|k| [k % w, k / w]) {
+            let (Some(sample), Some(drawn)) = (source.raster.at(at), surface.height(at)) else {
+                continue;
+            };
+            let [a, b] = [f64::from(sample), drawn].map(|unit| project(&view, source.world(at, unit)));
+            let on_screen = |[x, y]: [f64; 2]| {
+                (0.0..=VIEWPORT[0]).contains(&x) && (0.0..=VIEWPORT[1]).contains(&y)
+            };
+            if a.1 >= 1.0 && b.1 >= 1.0 && (on_screen(a.0) || on_screen(b.0)) {
+                let distance = (a.0[0] - b.0[0]).hypot(a.0[1] - b.0[1]);
+                prop_assert!(distance <= stand.tolerance * (1.0 + 1e-9), "{} pixels", distance);
+            }
+        }
+    }
+}
