@@ -67,7 +67,7 @@ impl Pyramid {
     pub fn errors(&self, bound: i32) -> Vec<i64> {
         let (lattice, cells) = (&self.lattice, self.lattice.cells());
         let transform = self.kind.transform(cells, bound, self.range);
-        let codec = BlockCodec::new(cells, false, transform);
+        let codec = BlockCodec::new(cells, false, vec![transform]);
         let mut errors = vec![0];
         let mut coarser: HashMap<Diamond, (Matrix, Matrix)> = HashMap::new();
         for level in 0..lattice.levels() {
