@@ -325,12 +325,11 @@ fn bound_for_rms_error(
 /// The unit of which all samples of a float raster are multiples.
 fn lossless_unit(plane: &Plane, info: &RasterInfo) -> Result<f64> {
     Units::common_unit(info.sample_type, &plane.samples).ok_or_else(|| {
-        let magnitude = plane.sample_range[0].abs().max(plane.sample_range[1].abs());
         Error::Argument(format!(
-            "maximum error 0 needs {} samples that are multiples of one power of ten or of two, and these are not: \
-             give a maximum error above {:e}",
+            "maximum error 0 needs {} samples that are multiples of one unit, 1 to 1e-6 by powers of ten or 1/2 to \
+             1/1048576 by powers of two, fewer than 2^29 of it; these are not: give a maximum error above {:e}",
             info.sample_type.name(),
-            magnitude * f64::from(f32::EPSILON),
+            Units::least_max_error(info, plane.sample_range),
         ))
     })
 }

@@ -247,7 +247,9 @@ pub(super) fn check_model(model: &Model, levels: u32, kind: TransformKind) -> Re
         1
     };
     let is_predicted = kind == TransformKind::Interpolating;
-    if model.matrices() != matrices || (model.adaptive && !is_predicted) {
+    // Without levels a model has no matrices to tell of.
+    let has_others = levels > 0 && model.matrices() != matrices;
+    if has_others || (model.adaptive && !is_predicted) {
         return refuse("the tables to use are those of another transform".into());
     }
     Ok(())

@@ -38,6 +38,7 @@ pub fn options(transform: TransformKind, limit: Limit, cells_log2: u32) -> Build
         rms_error,
         cells_log2,
         threads: 2,
+        ..BuildOptions::default()
     }
 }
 
