@@ -1,13 +1,15 @@
-"""A second reader of repositories, after docs/format.md and docs/design.md alone: heights, transform interpolating,
-entropy coder rans. Slow, checks nothing, and needs nothing but Python 3.
+"""A second reader of repositories of heights, after docs/format.md and docs/design.md alone. Slow, checks nothing, and needs
+nothing but Python 3.
 
     python3 reader.py FILE.kmb SAMPLES.f64
 
 writes the decoded samples row by row as little-endian doubles, NaN where void."""
 
-import functools
 import struct
 import sys
+
+from lattice import Lattice
+from transforms import TRANSFORMS, clamp, wrap
 
 
 class Decisions:
@@ -65,22 +67,15 @@ def integer(decisions, contexts, name, last):
     return signed(m), length
 
 
-def clamp(value, low, high):
-    return max(low, min(high, value))
-
-
-def wrap(value, bits=32):
-    return (value + (1 << bits - 1)) % (1 << bits) - (1 << bits - 1)
-
-
 class Header:
     def __init__(self, data):
         assert data[:8] == b"\x89KMB\r\n\x1a\n"
-        assert tuple(data[16:20]) == (0, 0, 0, 1), "only planar heights, interpolating, rans"
+        assert tuple(data[16:18]) == (0, 0), "only planar heights"
+        self.transform, self.is_rans = data[18], data[19] == 1
         self.n, self.levels, self.sample_type = data[20], data[21], data[22]
         self.unit_length = data[26]
         self.width, self.height, self.bound, low, high = struct.unpack_from("<IIIii", data, 28)
-        self.range = (low, high)
+        self.range = (-(2**31), 2**31 - 1) if self.transform == 1 else (low, high)
         self.scale, self.offset, self.low, self.high = struct.unpack_from("<4d", data, 48)
         self.voids, self.blocks = struct.unpack_from("<2Q", data, 184)
         sections = [struct.unpack_from("<2Q", data, 208 + 16 * k) for k in range(5)]
@@ -205,9 +200,9 @@ def read_frequencies(decisions, contexts):
 
 
 class Model:
-    """Weights and tables of each level, of one matrix."""
+    """Weights and tables of each matrix on each level."""
 
-    def __init__(self, data, levels):
+    def __init__(self, data, levels, matrices):
         decisions, contexts = Decisions(data), Contexts()
         flag = lambda: decisions.decide(contexts["flag"])
         last = {"weight": 0, "number": 0}
@@ -225,23 +220,28 @@ class Model:
                 before = (2 * before + present) % 1024
                 self.listed += [height] * present
         prediction = [[-128 if feature < 2 else 0] * 8 for feature in range(16)]
-        activity, first = [16] * 11 + [64], 40
+        group = [(prediction, [16] * 11 + [64], 40, None)] * matrices
         for level in range(levels):
             if level == 0 or flag():
-                if self.adaptive:
-                    for row in prediction:
-                        for c in range(8):
-                            row[c] = wrap((row[c - 1] if c else row[0]) + 8 * number("weight"), 16)
-                activity = [wrap(weight + number("weight"), 16) for weight in activity]
-                first = clamp(first + number("number"), 0, 128)
-                tables = []
-                for context in range(32):
-                    if context == 0 or not decisions.decide(contexts["same"]):
-                        tables.append(slots_of(read_frequencies(decisions, contexts)))
-                    else:
-                        tables.append(tables[-1])
-                group = [row[:] for row in prediction], activity, first, tables
+                group = [self.read_matrix(known, decisions, contexts, number) for known in group]
             self.levels.append(group)
+
+    def read_matrix(self, known, decisions, contexts, number):
+        prediction, activity, first, _ = known
+        prediction = [row[:] for row in prediction]
+        if self.adaptive:
+            for row in prediction:
+                for c in range(8):
+                    row[c] = wrap((row[c - 1] if c else row[0]) + 8 * number("weight"), 16)
+        activity = [wrap(weight + number("weight"), 16) for weight in activity]
+        first = clamp(first + number("number"), 0, 128)
+        tables = []
+        for context in range(32):
+            if context == 0 or not decisions.decide(contexts["same"]):
+                tables.append(slots_of(read_frequencies(decisions, contexts)))
+            else:
+                tables.append(tables[-1])
+        return prediction, activity, first, tables
 
 
 def slots_of(frequencies):
@@ -255,23 +255,24 @@ def slots_of(frequencies):
 # Coefficients.
 
 
+def bits(source, count):
+    """The next bits of a list of bytes and place, high bit of each byte first."""
+    data, start = source
+    source[1] += count
+    padded = data[start // 8 : (start + count + 7) // 8 + 1].ljust(8, b"\0")
+    word = int.from_bytes(padded, "big")
+    return word >> 8 * len(padded) - start % 8 - count & (1 << count) - 1
+
+
 class Symbols:
     """The coefficients of a block in the order of their entries, coded or not."""
 
     def __init__(self, block):
         self.lanes = 8 if len(block) >= 448 else 4 if len(block) >= 256 else 2
         self.head, self.raw, self.block = [block, 0], [block[::-1], 0], block
-        lengths = ((self.bits(self.head, 4) + 11) for _ in range(self.lanes))
-        self.states = [1 << n | self.bits(self.head, n) for n in lengths]
+        lengths = ((bits(self.head, 4) + 11) for _ in range(self.lanes))
+        self.states = [1 << n | bits(self.head, n) for n in lengths]
         self.word, self.entry = (self.head[1] + 7) // 8, 0
-
-    @staticmethod
-    def bits(source, count):
-        data, start = source
-        source[1] += count
-        padded = data[start // 8 : (start + count + 7) // 8 + 1].ljust(8, b"\0")
-        word = int.from_bytes(padded, "big")
-        return word >> 8 * len(padded) - start % 8 - count & (1 << count) - 1
 
     def skip(self):
         self.entry += 1
@@ -290,9 +291,9 @@ class Symbols:
         if symbol < 31:
             return signed(symbol + 1)
         if symbol == 255:
-            return wrap(self.bits(self.raw, 32))
+            return wrap(bits(self.raw, 32))
         count = (symbol - 31) // 8 + 2
-        magnitude = 4 + (symbol - 31) // 2 % 4 << count | self.bits(self.raw, count)
+        magnitude = 4 + (symbol - 31) // 2 % 4 << count | bits(self.raw, count)
         return -magnitude if (symbol - 31) % 2 else magnitude
 
 
@@ -311,7 +312,7 @@ class Surroundings:
         around = [(i, j) for j in range(-1, cells + 2) for i in range(-1, cells + 2)]
         self.v = {(i, j): self.relative(vertices[inside(i), inside(j)]) for i, j in around}
         zeros = [0] * (cells + 4)
-        self.missed, self.missed_twice, self.above = zeros, zeros, None
+        self.missed, self.missed_twice, self.companion, self.above = zeros, zeros, zeros, None
 
     def relative(self, height):
         return clamp(height - self.base >> self.shift, -self.reach, self.reach)
@@ -358,7 +359,8 @@ class Surroundings:
         bends += [at(0, 1) + at(3, 1) - a - d, at(0, 2) + at(3, 2) - b - e]
         parts = [one, other, abs(diagonal), size(ring), summed([abs(p - q) for p, q in pairs])]
         parts += [summed(map(size, bends)), size(missed(0)), summed([size(missed(-1)), size(missed(1))])]
-        parts += [summed(map(size, [twice(0), twice(-1), twice(1), missed(-2), missed(2)])), 0, 0, 16]
+        parts += [summed(map(size, [twice(0), twice(-1), twice(1), missed(-2), missed(2)]))]
+        parts += [self.companion[i + 2], summed([self.companion[i + 1], self.companion[i + 3]]), 16]
 
         prediction, weights, first, _ = self.group
         activity = self.total(sum(part * weight for part, weight in zip(parts, weights)))
@@ -373,24 +375,21 @@ class Surroundings:
         self.above = [self.relative(height) for height in heights]
         self.push([self.sat(4 * h - x) for h, x in zip(self.above, expected)])
 
+    def residuals(self, coefficients, step):
+        return [clamp(4 * k * step >> self.shift, -self.limit, self.limit) for k in coefficients]
+
+    def accompany(self, coefficients, step):
+        self.companion = [0, 0, *map(abs, self.residuals(coefficients, step)), 0, 0]
+
     def complete_coefficients(self, coefficients, step):
-        sizes = (4 * k * step >> self.shift for k in coefficients)
-        self.push([clamp(size, -self.limit, self.limit) for size in sizes])
+        self.push(self.residuals(coefficients, step))
 
     def push(self, missed):
         self.missed, self.missed_twice = [0, 0, *missed, 0, 0], self.missed
 
 
-def fixed_rule(cells, vertices, i, j):
-    near = sum(vertices[i + a, j + b] for a in (0, 1) for b in (0, 1))
-    far = [(a, b) for a in range(-1, 3) for b in range(-1, 3) if (a in (0, 1)) != (b in (0, 1))]
-    if 1 <= i < cells - 1 and 1 <= j < cells - 1:
-        return 10 * near - sum(vertices[i + a, j + b] for a, b in far) + 16 >> 5
-    return near + 2 >> 2
-
-
-def decode_centres(cells, quantiser, adaptive, group, vertices, coded, block):
-    """Heights of the N^2 centres; `coded` says which have coefficients."""
+def trained_centres(cells, quantiser, group, vertices, coded, block):
+    """Heights of the N^2 centres by trained prediction; `coded` says which have coefficients."""
     surroundings, symbols = Surroundings(cells, vertices, group), Symbols(block) if block else None
     centres = {}
     for j in range(cells):
@@ -398,14 +397,62 @@ def decode_centres(cells, quantiser, adaptive, group, vertices, coded, block):
         row = [0] * cells
         for i, (context, _, _) in enumerate(looks if symbols else ()):
             row[i] = symbols.next(group[3][context]) if coded[i, j] else symbols.skip()
-        predicted = [look[1] if adaptive else fixed_rule(cells, vertices, i, j) for i, look in enumerate(looks)]
-        heights = [quantiser.reconstruct(k, p) for k, p in zip(row, predicted)]
+        heights = [quantiser.reconstruct(k, look[1]) for k, look in zip(row, looks)]
         centres.update(((i, j), height) for i, height in enumerate(heights))
-        if adaptive:
-            surroundings.complete(heights, [look[2] for look in looks])
-        else:
-            surroundings.complete_coefficients(row, quantiser.step)
+        surroundings.complete(heights, [look[2] for look in looks])
     return centres
+
+
+def coefficients_of(cells, step, groups, vertices, block):
+    """What reads the matrices of a block in contexts, one after the other."""
+    symbols = Symbols(block) if block else None
+
+    def read(matrix, coded, companion):
+        surroundings, entries = Surroundings(cells, vertices, groups[matrix]), {}
+        for j in range(cells):
+            if companion:
+                surroundings.accompany([companion[i, j] for i in range(cells)], step)
+            row = [0] * cells
+            for i in range(cells if symbols else 0):
+                if coded[i, j]:
+                    row[i] = symbols.next(groups[matrix][3][surroundings.look(i, j)[0]])
+                else:
+                    symbols.skip()
+            surroundings.complete_coefficients(row, step)
+            entries.update(((i, j), k) for i, k in enumerate(row))
+        return entries
+
+    return read
+
+
+def gamma_of(cells, block):
+    """What reads the matrices of a block of gamma codes, one after the other."""
+    source = [block, 0]
+
+    def entry():
+        length = 0
+        while bits(source, 1) == 0:
+            length += 1
+        return signed(1 << length | bits(source, length))
+
+    def quadrant(entries, coded, x, y, side):
+        places = [(x + i, y + j) for j in range(side) for i in range(side)]
+        if not any(coded[at] for at in places) or bits(source, 1) == 0:
+            return
+        if side == 2:
+            entries.update((at, entry()) for at in places if coded[at])
+            return
+        for j in (0, side // 2):
+            for i in (0, side // 2):
+                quadrant(entries, coded, x + i, y + j, side // 2)
+
+    def read(matrix, coded, companion):
+        entries = dict.fromkeys(coded, 0)
+        if block:
+            quadrant(entries, coded, 0, 0, cells)
+        return entries
+
+    return read
 
 
 def split_mask(block):
@@ -435,125 +482,83 @@ def decode_mask(cells, valid, codable, data):
     return voids
 
 
-# The lattice.
+class Terrain:
+    """All heights of a repository, level by level."""
 
+    def __init__(self, data):
+        self.header = header = Header(data)
+        self.lattice, self.cells = Lattice(header), 1 << header.n
+        matrices = 2 if header.transform == 2 else 1
+        self.model = Model(header.tables, header.levels, matrices) if header.is_rans else None
+        self.quantiser = Quantiser(header.bound, header.range, self.model.listed if self.model else None)
+        scale = 1 << header.levels // 2
+        root, valid = decode_root(header, lambda i, j: self.in_raster(2 * i * scale, 2 * j * scale))
+        # Heights by place in doubled samples, and the places of samples that are not void.
+        self.heights = {(2 * i * scale, 2 * j * scale): height for (i, j), height in root.items()}
+        self.known = {(2 * i * scale, 2 * j * scale) for i, j in valid}
+        rank = 0
+        for level in range(header.levels):
+            found = {}
+            for x, y in self.lattice.diamonds(level):
+                found.update(self.refine(level, x, y, header.block(rank)))
+                rank += 1
+            self.heights.update(found)
 
-class Lattice:
-    """In samples. A diamond is (level, x, y) with the centre's coordinates doubled, as they may be halves."""
+    def in_raster(self, x, y):
+        return 0 <= x < 2 * self.header.width and 0 <= y < 2 * self.header.height
 
-    def __init__(self, header):
-        self.cells, self.levels = 1 << header.n, header.levels
-        self.last = (2 * (header.width - 1), 2 * (header.height - 1))
-        self.side = 2 * self.cells << self.levels // 2
+    def refine(self, level, x, y, block):
+        """Heights on the next level of a diamond's inner vertices and centres, by place."""
+        cells, halves = self.cells, self.lattice.halves(level, x, y)
+        (ox, oy), ax, ay = self.lattice.placement(level, x, y)
+        place = lambda i, j: (ox + i * ax[0] + j * ay[0], oy + i * ax[1] + j * ay[1])
+        middle = lambda i, j: tuple(p + (q + r) // 2 for p, q, r in zip(place(i, j), ax, ay))
+        present = lambda i, j, last: any(here and holds(i, j, last) for here, holds in halves)
+        has_main_hypotenuse = halves[0][1](cells, 0, cells) and halves[0][1](cells, cells, cells)
 
-    def half(self, level):
-        return self.side >> level // 2 + 1
+        def mirrored(i, j, last):
+            if present(i, j, last):
+                return i, j
+            return (j, i) if has_main_hypotenuse else (last - j, last - i)
 
-    def exists(self, level, x, y):
-        if not (0 <= x <= self.side and 0 <= y <= self.side):
-            return False
-        beyond = max(x - self.last[0], 0), max(y - self.last[1], 0)
-        if level % 2:
-            return sum(beyond) < self.half(level) and not (x % self.side == 0 and y % self.side == 0)
-        return max(beyond) < self.half(level)
+        corners = [(i, j) for j in range(cells + 1) for i in range(cells + 1)]
+        matrix = [(i, j) for j in range(cells) for i in range(cells)]
+        vertices = {at: self.heights[place(*mirrored(*at, cells))] for at in corners}
+        valid = {at: place(*mirrored(*at, cells)) in self.known for at in corners}
+        codable = {at: present(*at, cells - 1) and self.in_raster(*middle(*at)) for at in matrix}
+        voids, block = self.voids(valid, codable, block)
+        coded = {at: codable[at] and at not in voids for at in matrix}
+        vertices, centres = self.heights_of(level, vertices, valid, coded, mirrored, block)
+        inner = [(i, j) for i, j in corners if 0 < i < cells and 0 < j < cells and present(i, j, cells)]
+        found = {place(*at): vertices[at] for at in inner}
+        found.update((middle(*at), centres[at]) for at in matrix if present(*at, cells - 1))
+        self.known.update(middle(*at) for at in matrix if coded[at])
+        return found
 
-    @functools.cache
-    def diamonds(self, level):
-        half = self.half(level)
-        count = self.side // half
-        if level % 2:
-            places = [(x, y) for y in range(count + 1) for x in range(count + 1) if (x + y) % 2]
-            centres = {(x, y): (x * half, y * half) for x, y in places}
-        else:
-            places = [(x, y) for y in range(count // 2) for x in range(count // 2)]
-            centres = {(x, y): ((2 * x + 1) * half, (2 * y + 1) * half) for x, y in places}
-        morton = lambda at: sum((at[0] >> k & 1) << 2 * k | (at[1] >> k & 1) << 2 * k + 1 for k in range(32))
-        return [centres[at] for at in sorted(places, key=morton) if self.exists(level, *centres[at])]
+    def voids(self, valid, codable, block):
+        """Which centres are void, and what else the block has."""
+        if not self.header.voids:
+            return set(), block
+        if not block:
+            return set() if any(valid.values()) else set(codable), block
+        mask, block = split_mask(block)
+        return set() if mask is None else decode_mask(self.cells, valid, codable, mask), block
 
-    def placement(self, level, x, y):
-        """Origin and steps of the vertex matrix, doubled."""
-        a = 2 * self.half(level)
-        if level % 2:
-            step = a // (2 * self.cells)
-            return (x - a // 2, y), (step, -step), (step, step)
-        step = a // self.cells
-        return (x - a // 2, y - a // 2), (step, 0), (0, step)
+    def heights_of(self, level, vertices, valid, coded, mirrored, block):
+        """The vertices and centres on the next level."""
+        cells, quantiser, read = self.cells, self.quantiser, gamma_of(self.cells, block)
+        if self.model:
+            groups = self.model.levels[level]
+            if self.model.adaptive:
+                return vertices, trained_centres(cells, quantiser, groups[0], vertices, coded, block)
+            read = coefficients_of(cells, quantiser.step, groups, vertices, block)
+        transform = TRANSFORMS[self.header.transform]
+        return transform(cells, quantiser, vertices, valid, coded, mirrored, read)
 
-    def halves(self, level, x, y):
-        """For each half: whether it is present, and a test of (i, j) in a matrix that ends at `last`."""
-        n = self.cells
-        origin, ax, ay = self.placement(level, x, y)
-        corner = lambda i, j: tuple(o + i * n * p + j * n * q for o, p, q in zip(origin, ax, ay))
-        sides = {
-            (0, 0): lambda i, j, last: i + j <= last,
-            (1, 1): lambda i, j, last: i + j >= last,
-            (1, 0): lambda i, j, last: i >= j,
-            (0, 1): lambda i, j, last: j >= i,
-        }
-        if level == 0:
-            return [(True, sides[1, 0]), (True, sides[0, 1])]
-        is_apex = self.level_of(corner(0, 0)) == level - 1
-        apexes = [(0, 0), (1, 1)] if is_apex else [(1, 0), (0, 1)]
-        return [(self.exists(level - 1, *corner(*apex)), sides[apex]) for apex in apexes]
-
-    def level_of(self, at):
-        zeros = [((c & -c).bit_length() - 1) if c else 99 for c in at]
-        finest = self.side.bit_length() - 2 - min(zeros)
-        return 2 * finest + (zeros[0] != zeros[1])
-
-
-def decode(data):
-    """Samples by (column, row), None where void."""
-    header = Header(data)
-    lattice, model = Lattice(header), Model(header.tables, header.levels)
-    cells, side = lattice.cells, (1 << header.n) + 1
-    listed = Quantiser(header.bound, header.range, model.listed)
-    scale = 1 << header.levels // 2
-    in_raster = lambda i, j: 0 <= i < header.width and 0 <= j < header.height
-    root, valid = decode_root(header, lambda i, j: in_raster(i * scale, j * scale))
-    # Heights by doubled place, and which places are valid.
-    heights = {(2 * i * scale, 2 * j * scale): height for (i, j), height in root.items()}
-    known = {(2 * i * scale, 2 * j * scale) for i, j in valid}
-    rank = 0
-    for level in range(header.levels):
-        group, found = model.levels[level], {}
-        for x, y in lattice.diamonds(level):
-            halves = lattice.halves(level, x, y)
-            (ox, oy), ax, ay = lattice.placement(level, x, y)
-            place = lambda i, j: (ox + i * ax[0] + j * ay[0], oy + i * ax[1] + j * ay[1])
-            middle = lambda i, j: tuple(p + (q + r) // 2 for p, q, r in zip(place(i, j), ax, ay))
-            present = lambda i, j, last: any(here and holds(i, j, last) for here, holds in halves)
-            main = halves[0][1](cells, 0, cells) and halves[0][1](cells, cells, cells)
-            vertices, validity = {}, {}
-            for j in range(side):
-                for i in range(side):
-                    mirrored = (j, i) if main else (cells - j, cells - i)
-                    at = place(i, j) if present(i, j, cells) else place(*mirrored)
-                    vertices[i, j], validity[i, j] = heights[at], at in known
-            inside = lambda i, j: in_raster(*(c / 2 for c in middle(i, j)))
-            matrix = [(i, j) for j in range(cells) for i in range(cells)]
-            codable = {at: present(*at, cells - 1) and inside(*at) for at in matrix}
-            block, voids = header.block(rank), set()
-            rank += 1
-            if header.voids and block:
-                mask, block = split_mask(block)
-                voids = decode_mask(cells, validity, codable, mask) if mask is not None else set()
-            elif header.voids and not any(validity.values()):
-                voids = set(matrix)
-            coded = {at: codable[at] and at not in voids for at in matrix}
-            centres = decode_centres(cells, listed, model.adaptive, group, vertices, coded, block)
-            for at, height in centres.items():
-                if present(*at, cells - 1):
-                    found[middle(*at)] = height
-                    if coded[at]:
-                        known.add(middle(*at))
-        heights.update(found)
-    samples = []
-    for row in range(header.height):
-        for column in range(header.width):
-            at = 2 * column, 2 * row
-            samples.append(to_sample(header, heights[at]) if at in known else float("nan"))
-    return samples
+    def samples(self):
+        """Row by row; NaN where void."""
+        places = [(2 * c, 2 * r) for r in range(self.header.height) for c in range(self.header.width)]
+        return [to_sample(self.header, self.heights[at]) if at in self.known else float("nan") for at in places]
 
 
 def to_sample(header, unit):
@@ -563,6 +568,6 @@ def to_sample(header, unit):
 
 if __name__ == "__main__":
     with open(sys.argv[1], "rb") as file:
-        decoded = decode(file.read())
+        decoded = Terrain(file.read()).samples()
     with open(sys.argv[2], "wb") as file:
         file.write(struct.pack(f"<{len(decoded)}d", *decoded))
