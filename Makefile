@@ -1,6 +1,6 @@
 # make demo    on a fresh Debian: installs what is missing, builds, flies over data/'s Puget Sound, leaves pictures in target/demo
 # make check   every test and check of the project
-# make sweep   DATA=folder: builds, verifies and extracts every raster of a folder by every transform at three errors
+# make sweep   DATA=folder: builds, verifies and extracts every raster of a folder by every transform and coder at three errors and lossless
 # make peers   measures other codecs and ours on the same rasters at the same maximum errors; DATA=folder, ARGS=more options
 # make chart   the same for the charts of docs/charts/, and redraws them; ARGS=--redraw draws the last measurements again, IMAGE=file adds colour
 # make header  regenerates include/kimberlite.h
@@ -11,7 +11,7 @@ SHELL := /bin/bash
 BUILD := target/cmake
 DEMO := target/demo
 KMB := target/release/kmb
-PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick
+PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick python3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 .PHONY: demo check deps build library examples header sweep peers chart clean

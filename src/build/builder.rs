@@ -31,9 +31,9 @@ pub struct BuildOptions {
     pub rms_error: Option<f64>,
     /// How coefficients become bytes.
     pub entropy: EntropyKind,
-    /// Whether [`EntropyKind::Rans`] comes with the trained predictor, where the transform takes it:
-    /// interpolating does, and lifted for colours. Else the transform's fixed rule is all.
-    pub adaptive: bool,
+    /// Whether [`EntropyKind::Rans`] comes with the trained predictor. Else the transform's fixed rule is all,
+    /// as it is by default for the heights of lifted and two-stage, whose papers have it so.
+    pub adaptive: Option<bool>,
     /// Weights and tables to use instead of trained ones, from data with as many levels.
     pub tables: Option<Model>,
     /// log2 of the cells along a diamond's side: 4 to 7.
@@ -49,7 +49,7 @@ impl Default for BuildOptions {
             max_error: 0.0,
             rms_error: None,
             entropy: EntropyKind::Rans,
-            adaptive: true,
+            adaptive: None,
             tables: None,
             cells_log2: 6,
             threads: 0,
@@ -290,7 +290,9 @@ impl<'a> Coders<'a> {
         let roots = RootCodec::new(lattice, components.quantisers(&transforms, None));
         let adaptive = match &options.tables {
             Some(model) => model.adaptive,
-            None => options.adaptive && components.takes_trained_predictor(kind),
+            None => options
+                .adaptive
+                .unwrap_or_else(|| components.prefers_trained_predictor(kind)),
         };
         let listed = match components {
             Components::Height(units) if adaptive => list_heights(levels, units.range, units.bound),
@@ -357,12 +359,11 @@ fn bound_for_rms_error(
 /// The unit of which all samples of a float raster are multiples.
 fn lossless_unit(plane: &Plane, info: &RasterInfo) -> Result<f64> {
     Units::common_unit(info.sample_type, plane.numbers()).ok_or_else(|| {
-        let magnitude = plane.sample_range[0].abs().max(plane.sample_range[1].abs());
         Error::Argument(format!(
-            "maximum error 0 needs {} samples that are multiples of one power of ten or of two, and these are not: \
-             give a maximum error above {:e}",
+            "maximum error 0 needs {} samples that are multiples of one unit, 1 to 1e-6 by powers of ten or 1/2 to \
+             1/1048576 by powers of two, fewer than 2^29 of it; these are not: give a maximum error above {:e}",
             info.sample_type.name(),
-            magnitude * f64::from(f32::EPSILON),
+            Units::least_max_error(info, plane.sample_range),
         ))
     })
 }

@@ -246,7 +246,7 @@ pub(super) fn check_model(
             model.levels()
         ));
     }
-    if model.components() != components {
+    if levels > 0 && model.components() != components {
         let name = |components: usize| {
             if components == 1 {
                 "heights"
@@ -262,8 +262,9 @@ pub(super) fn check_model(
     }
     let own = 1 + usize::from(kind == TransformKind::TwoStage);
     let matrices = own * components;
-    let is_predicted = kind != TransformKind::TwoStage;
-    if model.matrices() != matrices || (model.adaptive && !is_predicted) {
+    // Without levels a model has no matrices to tell of.
+    let has_others = levels > 0 && model.matrices() != matrices;
+    if has_others {
         return refuse("the tables to use are those of another transform".into());
     }
     Ok(())

@@ -164,7 +164,7 @@ impl Components {
     }
 
     /// Whether coefficients of a transform can come with the trained predictor.
-    pub fn takes_trained_predictor(&self, kind: TransformKind) -> bool {
+    pub fn prefers_trained_predictor(&self, kind: TransformKind) -> bool {
         match kind {
             TransformKind::Interpolating => true,
             TransformKind::Lifted => self.count() > 1,

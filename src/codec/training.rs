@@ -70,10 +70,11 @@ impl<const N: usize> Equations<N> {
             right[i] += pull * prior[i];
         }
         for i in 0..N {
+            let pivot = matrix[i];
             for j in i + 1..N {
-                let factor = matrix[j][i] / matrix[i][i];
-                for k in i..N {
-                    matrix[j][k] -= factor * matrix[i][k];
+                let factor = matrix[j][i] / pivot[i];
+                for (entry, other) in matrix[j][i..].iter_mut().zip(&pivot[i..]) {
+                    *entry -= factor * other;
                 }
                 right[j] -= factor * right[i];
             }
@@ -104,6 +105,12 @@ pub struct Fit {
     quarters: [u64; QUARTERS],
 }
 
+impl Default for Fit {
+    fn default() -> Fit {
+        Fit::new()
+    }
+}
+
 impl Fit {
     /// Nothing seen yet.
     pub fn new() -> Fit {
@@ -127,6 +134,12 @@ impl Fit {
         for (own, other) in self.quarters.iter_mut().zip(&other.quarters) {
             *own += other;
         }
+    }
+}
+
+impl Default for Trainer {
+    fn default() -> Trainer {
+        Trainer::new()
     }
 }
 

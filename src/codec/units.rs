@@ -66,7 +66,7 @@ impl Units {
             })?;
             units.scale = unit;
         } else {
-            units.choose_float_scale(max_error)?;
+            units.choose_float_scale(info, max_error)?;
         }
         units.range = sample_range.map(|sample| units.to_unit(sample));
         Ok(units)
@@ -126,18 +126,23 @@ impl Units {
         (high - self.offset).max(self.offset - low)
     }
 
-    fn choose_float_scale(&mut self, max_error: f64) -> Result<()> {
+    /// What the maximum error of a float raster must be above, other than 0.
+    pub fn least_max_error(info: &RasterInfo, sample_range: [f64; 2]) -> f64 {
+        let mut units = Units::ones(info, sample_range);
+        units.output_rounding() + units.centre() / GREATEST_FLOAT_UNIT
+    }
+
+    fn choose_float_scale(&mut self, info: &RasterInfo, max_error: f64) -> Result<()> {
         let [low, high] = self.sample_range;
-        let rounding = self.output_rounding();
         let half_extent = self.centre();
-        let least = rounding + half_extent / GREATEST_FLOAT_UNIT;
+        let least = Units::least_max_error(info, self.sample_range);
         if max_error <= least || !half_extent.is_finite() {
             return Err(Error::Argument(format!(
                 "a maximum error of {max_error} is too small for {} samples from {low} to {high}: give more than {least:e}",
                 self.sample_type.name()
             )));
         }
-        let usable = 2.0 * (max_error - rounding);
+        let usable = 2.0 * (max_error - self.output_rounding());
         for bound in [FLOAT_BOUND, 1.0, 0.0] {
             self.scale = usable / (2.0 * bound + 1.0);
             self.bound = bound as i32;

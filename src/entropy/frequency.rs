@@ -101,7 +101,7 @@ pub fn log2(number: u32) -> u32 {
     let mut mantissa = u64::from(number) << (31 - whole);
     let mut fraction = 0;
     for _ in 0..16 {
-        mantissa = mantissa * mantissa >> 31;
+        mantissa = (mantissa * mantissa) >> 31;
         fraction <<= 1;
         if mantissa >> 32 != 0 {
             fraction |= 1;

@@ -84,7 +84,12 @@ impl Quantiser {
     #[inline]
     pub fn reconstruct_row(&self, predictions: &[i32], row: &mut [i32]) {
         let (low, high) = (self.minimum, self.maximum);
-        if self.listed.is_some() || i64::from(high) - i64::from(low) >= 1 << 30 {
+        // A sound coefficient leads to within the bound of the range, by steps that span no more than it and
+        // the bound.
+        let has_room = low.checked_sub(self.bound).is_some()
+            && high.checked_add(self.bound).is_some()
+            && i64::from(high) - i64::from(low) < 1 << 30;
+        if self.listed.is_some() || !has_room {
             for (height, &prediction) in row.iter_mut().zip(predictions) {
                 *height = self.reconstruct(*height, prediction.clamp(low, high));
             }

@@ -34,6 +34,23 @@ fn the_error_of_those_that_promise_it_does_not_grow_with_depth() {
 }
 
 #[test]
+fn blocks_in_contexts_keep_the_error_at_every_depth() {
+    for (kind, adaptive) in [
+        (TransformKind::Interpolating, true),
+        (TransformKind::Interpolating, false),
+        (TransformKind::TwoStage, false),
+    ] {
+        let pyramid = strip(10, kind);
+        for bound in [0, 1, 7, 40] {
+            let errors = pyramid.errors_in_contexts(bound, adaptive);
+            let bound = i64::from(bound);
+            let is_kept = errors.iter().all(|&error| error <= bound) && errors[20] == bound;
+            assert!(is_kept, "{kind:?} {adaptive}: {errors:?}");
+        }
+    }
+}
+
+#[test]
 fn the_error_of_lifted_is_nothing_without_a_bound_and_grows_with_one() {
     println!("e,level,max_error");
     let pyramid = strip(10, TransformKind::Lifted);

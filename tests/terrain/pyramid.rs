@@ -1,9 +1,13 @@
 //! A raster's levels in memory, filtered up and coded down with any bound, without any file.
 
-use kimberlite::codec::{BlockCodec, Matrix, Outline, Refined, child_vertices};
+use kimberlite::codec::{
+    BlockCodec, Census, Draft, Fit, LevelModel, Matrix, MatrixModel, Model, Outline, ROUNDS,
+    Refined, SymbolCoder, Trainer, child_vertices,
+};
 use kimberlite::lattice::{Diamond, Lattice, reflect_absent_half};
 use kimberlite::store::TransformKind;
-use kimberlite::transform::{Target, Validity};
+use kimberlite::transform::adaptive::Weights;
+use kimberlite::transform::{Quantiser, Target, Validity};
 use std::collections::HashMap;
 
 /// The heights that each level should have, of a raster without voids.
@@ -65,14 +69,56 @@ impl Pyramid {
     /// Codes all levels with the bound e, the root as it is. Returns the largest |decoded - filtered| on each
     /// level.
     pub fn errors(&self, bound: i32) -> Vec<i64> {
-        let (lattice, cells) = (&self.lattice, self.lattice.cells());
+        let cells = self.lattice.cells();
         let transform = self.kind.transform(cells, bound, self.range);
         let codec = BlockCodec::new(cells, false, vec![transform]);
+        self.descend(|inputs| {
+            let refine =
+                |input: &Input| codec.preview(&input.own, &input.outline, input.target, None);
+            inputs.iter().map(refine).collect()
+        })
+    }
+
+    /// The same through blocks of symbols in contexts, each level by weights and tables trained on it; centres
+    /// by trained prediction where `adaptive`.
+    pub fn errors_in_contexts(&self, bound: i32, adaptive: bool) -> Vec<i64> {
+        let (cells, [low, high]) = (self.lattice.cells(), self.range);
+        let codec = || {
+            let transform = self.kind.transform(cells, bound, self.range);
+            let quantiser = Quantiser::new(bound, low, high);
+            let symbols = SymbolCoder::new(cells, quantiser, adaptive, true);
+            BlockCodec::new(cells, false, vec![transform]).with_symbols(vec![symbols])
+        };
+        let levels = self.lattice.levels();
+        self.descend(|inputs| {
+            let encoder = codec();
+            let weights = trained(&encoder, inputs);
+            let draft = |input: &Input| {
+                let (own, outline) = (&input.own, &input.outline);
+                encoder.draft(&weights, own, outline, input.target, None)
+            };
+            let drafts: Vec<(Draft, Refined)> = inputs.iter().map(draft).collect();
+            let model = model_of(&drafts, weights.clone());
+            let decoder =
+                codec().with_model(Model::new(adaptive, None, 1, vec![(model.clone(), levels)]));
+            let decode = |(input, (draft, promised)): (&Input, &(Draft, Refined))| {
+                let block = encoder.finish(draft, Some(&model));
+                let refined = decoder.decode(&input.own, &input.outline, &block).unwrap();
+                assert_eq!(&refined, promised);
+                refined
+            };
+            inputs.iter().zip(&drafts).map(decode).collect()
+        })
+    }
+
+    /// Refines level after level and compares.
+    fn descend(&self, mut refine: impl FnMut(&[Input]) -> Vec<Refined>) -> Vec<i64> {
+        let lattice = &self.lattice;
         let mut errors = vec![0];
         let mut coarser: HashMap<Diamond, (Matrix, Matrix)> = HashMap::new();
         for level in 0..lattice.levels() {
-            let (mut decoded, mut largest) = (HashMap::new(), 0);
-            for diamond in lattice.diamonds(level) {
+            let diamonds = lattice.diamonds(level);
+            let input = |&diamond: &Diamond| {
                 let own = if level == 0 {
                     self.root.clone()
                 } else {
@@ -83,13 +129,21 @@ impl Pyramid {
                     child_vertices(lattice, diamond, parents)
                 };
                 let (vertices, centres) = &self.next[&diamond];
-                let target = Target {
-                    vertices: &vertices.values,
-                    centres: &centres.values,
-                };
-                let outline = Outline::of(lattice, diamond);
-                let refined: Refined = codec.preview(&own, &outline, target, None);
-                let found = refined.into_matrices(own);
+                Input {
+                    own,
+                    outline: Outline::of(lattice, diamond),
+                    target: Target {
+                        vertices: &vertices.values,
+                        centres: &centres.values,
+                    },
+                }
+            };
+            let inputs: Vec<Input> = diamonds.iter().map(input).collect();
+            let (mut decoded, mut largest) = (HashMap::new(), 0);
+            let refined = refine(&inputs);
+            for ((diamond, input), refined) in diamonds.into_iter().zip(inputs).zip(refined) {
+                let (vertices, centres) = &self.next[&diamond];
+                let found = refined.into_matrices(input.own);
                 largest = largest
                     .max(distance(vertices, &found.0))
                     .max(distance(centres, &found.1));
@@ -100,6 +154,43 @@ impl Pyramid {
         }
         errors
     }
+}
+
+/// What a diamond's block is made from.
+struct Input<'a> {
+    own: Matrix,
+    outline: Outline,
+    target: Target<'a>,
+}
+
+/// The weights of each matrix, trained on some diamonds.
+fn trained(codec: &BlockCodec, inputs: &[Input]) -> Vec<Weights> {
+    let mut trainers: Vec<Trainer> = (0..codec.matrices()).map(|_| Trainer::new()).collect();
+    for _ in 0..ROUNDS {
+        let mut fits = vec![Fit::new(); trainers.len()];
+        for input in inputs {
+            let (own, outline) = (&input.own, &input.outline);
+            codec.show(&trainers, &mut fits, own, outline, input.target, None);
+        }
+        for (trainer, fit) in trainers.iter_mut().zip(&fits) {
+            trainer.learn(fit);
+        }
+    }
+    let weights = trainers.iter().map(|trainer| trainer.weights().clone());
+    weights.collect()
+}
+
+/// The model that some drafts are best coded by.
+fn model_of(drafts: &[(Draft, Refined)], weights: Vec<Weights>) -> LevelModel {
+    let mut census = Census::new(weights.len());
+    let traces = drafts.iter().filter_map(|(draft, _)| draft.trace());
+    traces.for_each(|trace| census.add(trace));
+    let matrices = weights.into_iter().enumerate();
+    let model = matrices.map(|(matrix, weights)| MatrixModel {
+        weights,
+        frequencies: census.frequencies(matrix),
+    });
+    LevelModel::new(model.collect())
 }
 
 fn vertices_of(

@@ -187,7 +187,7 @@ fn what_cannot_be_built_says_why_and_leaves_no_file() {
         (0..81).map(|k| f64::from(k as f32 * 0.123_456_7)).collect(),
     );
     for (max_error, expected) in [
-        (0.0, "multiples of one power of ten or of two"),
+        (0.0, "multiples of one unit, 1 to 1e-6 by powers of ten"),
         (-1.0, "must be a number from 0 up, not -1"),
         (f64::NAN, "must be a number from 0 up, not NaN"),
         (1e-9, "too small for f32 samples"),

@@ -90,9 +90,9 @@ pub struct Build {
     /// How coefficients become bits
     #[arg(long, value_enum, default_value = "rans")]
     pub entropy: Entropy,
-    /// How centres are predicted, with --transform interpolating and --entropy rans
-    #[arg(long, value_enum, default_value = "adaptive")]
-    pub prediction: Prediction,
+    /// How coefficients are predicted, with --entropy rans; adaptive by default for interpolating and for colours
+    #[arg(long, value_enum)]
+    pub prediction: Option<Prediction>,
     /// A repository whose weights and tables to use instead of training new ones
     #[arg(long, value_name = "F.kmb")]
     pub tables_from: Option<PathBuf>,

@@ -66,23 +66,26 @@ fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
 
 fn build(arguments: &arguments::Build) -> Result<Report> {
     let start = Instant::now();
+    let transform = match arguments.transform() {
+        arguments::Transform::Interpolating => TransformKind::Interpolating,
+        arguments::Transform::Lifted => TransformKind::Lifted,
+        arguments::Transform::TwoStage => TransformKind::TwoStage,
+    };
     let options = BuildOptions {
-        transform: match arguments.transform() {
-            arguments::Transform::Interpolating => TransformKind::Interpolating,
-            arguments::Transform::Lifted => TransformKind::Lifted,
-            arguments::Transform::TwoStage => TransformKind::TwoStage,
-        },
+        transform,
         max_error: arguments.max_error.unwrap_or(0.0),
         rms_error: arguments.rms,
         entropy: match arguments.entropy {
             arguments::Entropy::Gamma => EntropyKind::Gamma,
             arguments::Entropy::Rans => EntropyKind::Rans,
         },
-        adaptive: matches!(arguments.prediction, arguments::Prediction::Adaptive),
+        adaptive: arguments
+            .prediction
+            .map(|rule| matches!(rule, arguments::Prediction::Adaptive)),
         tables: arguments
             .tables_from
             .as_deref()
-            .map(tables_of)
+            .map(|file| tables_of(file, transform))
             .transpose()?,
         cells_log2: arguments.cells as u32,
         threads: arguments.threads,
@@ -129,8 +132,12 @@ fn resample(
 }
 
 /// What another repository was coded by.
-fn tables_of(file: &Path) -> Result<Model> {
+fn tables_of(file: &Path, transform: TransformKind) -> Result<Model> {
     let layer = open(file)?;
+    if layer.header().transform != transform {
+        let message = "its tables are those of another transform";
+        return Err(Error::input(file, message.to_owned()));
+    }
     let none = || {
         Error::input(
             file,
