@@ -11,7 +11,7 @@ static void structs(void)
     SIZE(kmb_open_options, 8);
     AT(kmb_open_options, struct_size, 0);
     AT(kmb_open_options, access, 4);
-    SIZE(kmb_repository_info, 248);
+    SIZE(kmb_repository_info, 256);
     AT(kmb_repository_info, struct_size, 0);
     AT(kmb_repository_info, kind, 4);
     AT(kmb_repository_info, width, 8);
@@ -42,6 +42,8 @@ static void structs(void)
     AT(kmb_repository_info, crs, 224);
     AT(kmb_repository_info, units, 232);
     AT(kmb_repository_info, metadata_count, 240);
+    AT(kmb_repository_info, bands, 248);
+    AT(kmb_repository_info, reserved, 252);
     SIZE(kmb_height, 24);
     AT(kmb_height, struct_size, 0);
     AT(kmb_height, level, 4);
@@ -101,7 +103,7 @@ static void structs(void)
     AT(kmb_grid_to_world, reserved, 4);
     AT(kmb_grid_to_world, origin, 8);
     AT(kmb_grid_to_world, step, 32);
-    SIZE(kmb_builder_options, 48);
+    SIZE(kmb_builder_options, 56);
     AT(kmb_builder_options, struct_size, 0);
     AT(kmb_builder_options, sample_type, 4);
     AT(kmb_builder_options, width, 8);
@@ -112,6 +114,8 @@ static void structs(void)
     AT(kmb_builder_options, transform, 32);
     AT(kmb_builder_options, entropy, 36);
     AT(kmb_builder_options, rms_error, 40);
+    AT(kmb_builder_options, bands, 48);
+    AT(kmb_builder_options, reserved, 52);
     SIZE(kmb_build_report, 48);
     AT(kmb_build_report, struct_size, 0);
     AT(kmb_build_report, reserved, 4);

@@ -27,12 +27,12 @@ macro_rules! layout {
 fn structs_lie_as_c_programs_were_compiled() {
     layout!(kmb_open_options, 8, struct_size 0, access 4);
     layout!(
-        kmb_repository_info, 248, struct_size 0, kind 4, width 8, height 12, cells 16, levels 20,
+        kmb_repository_info, 256, struct_size 0, kind 4, width 8, height 12, cells 16, levels 20,
         diamonds 24, samples 32, void_samples 40, bytes 48, max_error 56, max_error_bound 64,
         rms_error 72, lossless 80, sample_type 84, sample_min 88, sample_max 96, value_scale 104,
         value_offset 112, nodata 120, has_nodata 128, georeferenced 132, geographic 136,
         registration 140, geotransform 144, world_origin 192, world_step 208, crs 224, units 232,
-        metadata_count 240
+        metadata_count 240, bands 248, reserved 252
     );
     layout!(kmb_height, 24, struct_size 0, level 4, height 8, error_bound 16);
     layout!(
@@ -56,8 +56,9 @@ fn structs_lie_as_c_programs_were_compiled() {
     );
     layout!(kmb_grid_to_world, 56, struct_size 0, reserved 4, origin 8, step 32);
     layout!(
-        kmb_builder_options, 48, struct_size 0, sample_type 4, width 8, height 12, max_error 16,
-        cells 24, threads 28, transform 32, entropy 36, rms_error 40
+        kmb_builder_options, 56, struct_size 0, sample_type 4, width 8, height 12, max_error 16,
+        cells 24, threads 28, transform 32, entropy 36, rms_error 40,
+        bands 48, reserved 52
     );
     layout!(
         kmb_build_report, 48, struct_size 0, reserved 4, samples 8, void_samples 16, bytes 24,

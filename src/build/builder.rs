@@ -8,7 +8,9 @@ use super::rms::greatest_bound;
 use super::source::RasterSource;
 use super::summaries::summarise;
 use super::workers::thread_count;
-use crate::codec::{BlockCodec, Model, RootCodec, SymbolCoder, Units, block_length_unit};
+use crate::codec::{
+    BlockCodec, ColourUnits, Components, Model, RootCodec, Units, block_length_unit,
+};
 use crate::geo::RasterInfo;
 use crate::lattice::Lattice;
 use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, TransformKind, Writer};
@@ -21,17 +23,17 @@ use std::path::Path;
 pub struct BuildOptions {
     /// How samples become coefficients.
     pub transform: TransformKind,
-    /// Largest |decoded - input| of any valid sample, in the raster's own units; 0 for lossless. Lifted
-    /// takes no other.
+    /// Largest |decoded - input| of any valid sample, in the raster's own units, of colours in each of red,
+    /// green and blue; 0 for lossless. Lifted takes no other.
     pub max_error: f64,
-    /// Instead of `max_error`, which is 0 then: the largest root mean square of decoded - input. Lifted
-    /// alone takes it; the max error that comes with it is measured and stored.
+    /// Instead of `max_error`, which is 0 then: the largest root mean square of decoded - input, of colours
+    /// over red, green and blue. Lifted alone takes it; the max error that comes with it is measured and stored.
     pub rms_error: Option<f64>,
     /// How coefficients become bytes.
     pub entropy: EntropyKind,
-    /// Whether [`EntropyKind::Rans`] comes with the trained predictor, where the transform takes it:
-    /// interpolating does. Else centres are predicted by the transform's fixed rule.
-    pub adaptive: bool,
+    /// Whether [`EntropyKind::Rans`] comes with the trained predictor. Else the transform's fixed rule is all,
+    /// as it is by default for the heights of lifted and two-stage, whose papers have it so.
+    pub adaptive: Option<bool>,
     /// Weights and tables to use instead of trained ones, from data with as many levels.
     pub tables: Option<Model>,
     /// log2 of the cells along a diamond's side: 4 to 7.
@@ -47,7 +49,7 @@ impl Default for BuildOptions {
             max_error: 0.0,
             rms_error: None,
             entropy: EntropyKind::Rans,
-            adaptive: true,
+            adaptive: None,
             tables: None,
             cells_log2: 6,
             threads: 0,
@@ -105,7 +107,8 @@ pub struct BuildReport {
     pub rms_error: f64,
 }
 
-/// Builds the repository of a raster's heights at `output`, written beside it and renamed when whole.
+/// Builds the repository of a raster's heights, or of an image's colours, at `output`, written beside it and
+/// renamed when whole.
 ///
 /// `progress` gets (done, total) in steps of work and returns false to cancel.
 ///
@@ -123,7 +126,8 @@ pub fn build(
     let lattice = Lattice::new(info.width, info.height, options.cells_log2)?;
     options.check()?;
     if let Some(model) = &options.tables {
-        check_model(model, lattice.levels(), options.transform)?;
+        let components = usize::from(info.bands);
+        check_model(model, lattice.levels(), options.transform, components)?;
     }
     // First of all, so that an output that cannot be written is found before the input is read.
     let sink = Box::new(FileSink::create(output)?);
@@ -141,14 +145,15 @@ pub fn build(
             Err(Error::Cancelled)
         }
     };
-    let (mut units, is_exact) = choose_units(&plane, &info, options)?;
+    let (mut components, is_exact) = choose_components(&plane, &info, options)?;
     let threads = thread_count(options.threads);
-    let filter = options.transform.transform(lattice.cells(), 0, units.range);
-    let levels = Levels::new(&lattice, &plane, &units, &*filter, threads, &mut step)?;
+    let filters = components.transforms(options.transform, lattice.cells());
+    let levels = Levels::new(&lattice, &plane, &components, &filters, threads, &mut step)?;
     if let Some(limit) = options.rms_error {
-        units.bound = bound_for_rms_error(limit, &levels, &units, threads, &mut step)?;
+        let bound = bound_for_rms_error(limit, &levels, &components, &info, threads, &mut step)?;
+        components = components.with_common_bound(bound);
     }
-    let coders = Coders::new(&levels, &units, options);
+    let coders = Coders::new(&levels, &components, options);
     let coding = Coding {
         levels: &levels,
         roots: &coders.roots,
@@ -163,14 +168,14 @@ pub fn build(
         }
     };
     let descent = &coded.descent;
-    let header = header(&levels, options, &info, &units, is_exact);
+    let header = header(&levels, options, &info, &components, is_exact);
     let tables = coded.model.as_ref().map_or_else(Vec::new, Model::to_bytes);
     let mut writer = Writer::with_sink(output, sink, &header, &coded.roots, &tables)?;
     for block in &coded.blocks {
         writer.push(block)?;
     }
-    let summaries = summarise(&levels, descent, units.range, threads, &mut step)?;
-    let (max_error, rms_error) = measured_error(&plane, &units, &descent.heights);
+    let summaries = summarise(&levels, descent, components.range(0), threads, &mut step)?;
+    let (max_error, rms_error) = measured_error(&plane, &components, &descent.heights);
     let [unit_min, unit_max] = summaries.range;
     let header = Header {
         unit_min,
@@ -197,37 +202,64 @@ fn header(
     levels: &Levels,
     options: &BuildOptions,
     info: &RasterInfo,
-    units: &Units,
+    components: &Components,
     is_exact: bool,
 ) -> Header {
     let (lattice, plane) = (levels.lattice, levels.plane);
+    let ([unit_min, unit_max], [unit_scale, unit_offset]) =
+        (components.range(0), components.scale_and_offset());
     Header {
-        kind: Kind::Heights,
+        kind: if info.bands == 1 {
+            Kind::Heights
+        } else {
+            Kind::Colours
+        },
         domain: DomainKind::Planar,
         transform: options.transform,
         entropy: options.entropy,
         cells_log2: options.cells_log2 as u8,
         levels: lattice.levels() as u8,
-        lossless: units.bound == 0 && is_exact,
+        lossless: components.common_bound() == 0 && is_exact,
         block_length_unit: block_length_unit(lattice.cells()),
-        bound_units: units.bound as u32,
-        unit_min: units.range[0],
-        unit_max: units.range[1],
-        unit_scale: units.scale,
-        unit_offset: units.offset,
-        sample_min: units.sample_range[0],
-        sample_max: units.sample_range[1],
+        bound_units: components.common_bound() as u32,
+        unit_min,
+        unit_max,
+        unit_scale,
+        unit_offset,
+        sample_min: plane.sample_range[0],
+        sample_max: plane.sample_range[1],
         max_error_bound: options.max_error,
         max_error: 0.0,
         rms_error: 0.0,
-        samples: plane.samples.len() as u64,
+        samples: plane.count() as u64,
         void_samples: plane.void_samples,
         block_count: lattice.diamond_count(),
         raster: info.clone(),
     }
 }
 
-/// Units for a raster, and whether every sample is a multiple of one.
+/// What samples become inside, and whether every one is restored by that alone.
+fn choose_components(
+    plane: &Plane,
+    info: &RasterInfo,
+    options: &BuildOptions,
+) -> Result<(Components, bool)> {
+    match info.bands {
+        1 => {
+            let (units, is_exact) = choose_units(plane, info, options)?;
+            Ok((Components::Height(units), is_exact))
+        }
+        3 => {
+            let units = ColourUnits::new(info, options.max_error)?;
+            Ok((Components::Colour(units), true))
+        }
+        bands => Err(Error::Argument(format!(
+            "samples of {bands} bands: heights have one, colours three"
+        ))),
+    }
+}
+
+/// Units for a raster of heights, and whether every sample is a multiple of one.
 fn choose_units(plane: &Plane, info: &RasterInfo, options: &BuildOptions) -> Result<(Units, bool)> {
     let is_integer = info.sample_type.is_integer();
     if let Some(rms_error) = options.rms_error {
@@ -251,22 +283,25 @@ struct Coders<'a> {
 }
 
 impl<'a> Coders<'a> {
-    fn new(levels: &Levels<'a>, units: &Units, options: &BuildOptions) -> Coders<'a> {
+    fn new(levels: &Levels<'a>, components: &Components, options: &BuildOptions) -> Coders<'a> {
         let (lattice, has_voids) = (levels.lattice, levels.plane.void_samples > 0);
         let kind = options.transform;
-        let transform = kind.transform(lattice.cells(), units.bound, units.range);
-        let roots = RootCodec::new(lattice, units.bound, transform.range());
-        let mut blocks = BlockCodec::new(lattice.cells(), has_voids, transform);
+        let transforms = components.transforms(kind, lattice.cells());
+        let roots = RootCodec::new(lattice, components.quantisers(&transforms, None));
         let adaptive = match &options.tables {
             Some(model) => model.adaptive,
-            None => options.adaptive && kind == TransformKind::Interpolating,
+            None => options
+                .adaptive
+                .unwrap_or_else(|| components.prefers_trained_predictor(kind)),
         };
-        let list = || list_heights(levels, units.range, units.bound);
-        let listed = adaptive.then(list).flatten();
+        let listed = match components {
+            Components::Height(units) if adaptive => list_heights(levels, units.range, units.bound),
+            _ => None,
+        };
+        let quantisers = components.quantisers(&transforms, listed.clone());
+        let mut blocks = BlockCodec::new(lattice.cells(), has_voids, transforms);
         if options.entropy == EntropyKind::Rans {
-            let quantiser = units.quantiser(listed.clone());
-            blocks =
-                blocks.with_symbols(SymbolCoder::new(lattice.cells(), quantiser, adaptive, true));
+            blocks = blocks.with_symbols(components.coders(lattice.cells(), quantisers, adaptive));
         }
         Coders {
             roots,
@@ -281,21 +316,19 @@ impl<'a> Coders<'a> {
 fn bound_for_rms_error(
     limit: f64,
     levels: &Levels,
-    units: &Units,
+    components: &Components,
+    info: &RasterInfo,
     threads: usize,
     step: &mut dyn FnMut(u64) -> Result<()>,
 ) -> Result<i32> {
     let mut measure = |bound: i32| {
-        let units = Units {
-            bound,
-            ..units.clone()
-        };
+        let components = components.clone().with_common_bound(bound);
         let options = BuildOptions {
             transform: TransformKind::Lifted,
             entropy: EntropyKind::Gamma,
             ..BuildOptions::default()
         };
-        let coders = Coders::new(levels, &units, &options);
+        let coders = Coders::new(levels, &components, &options);
         let (mut descent, _) = Descent::new(levels, &coders.roots, threads)?;
         for level in 0..levels.lattice.levels() {
             let preview = |input: Input| {
@@ -308,15 +341,16 @@ fn bound_for_rms_error(
             };
             descent.code_level(level, preview, |(), _| step(0))?;
         }
-        Ok(measured_error(levels.plane, &units, &descent.heights).1)
+        Ok(measured_error(levels.plane, &components, &descent.heights).1)
     };
-    let extent = i64::from(units.range[1]) - i64::from(units.range[0]);
-    let found = greatest_bound(limit, units.scale, extent, &mut measure)?;
+    let [low, high] = components.range(0).map(i64::from);
+    let scale = components.scale_and_offset()[0];
+    let found = greatest_bound(limit, scale, high - low, &mut measure)?;
     match found {
         Some(bound) => Ok(bound),
         None => Err(Error::Argument(format!(
             "an RMS error of {limit} is too small for {} samples: give more than {:e}",
-            units.sample_type.name(),
+            info.sample_type.name(),
             measure(0)?
         ))),
     }
@@ -324,7 +358,7 @@ fn bound_for_rms_error(
 
 /// The unit of which all samples of a float raster are multiples.
 fn lossless_unit(plane: &Plane, info: &RasterInfo) -> Result<f64> {
-    Units::common_unit(info.sample_type, &plane.samples).ok_or_else(|| {
+    Units::common_unit(info.sample_type, plane.numbers()).ok_or_else(|| {
         Error::Argument(format!(
             "maximum error 0 needs {} samples that are multiples of one unit, 1 to 1e-6 by powers of ten or 1/2 to \
              1/1048576 by powers of two, fewer than 2^29 of it; these are not: give a maximum error above {:e}",
@@ -334,12 +368,16 @@ fn lossless_unit(plane: &Plane, info: &RasterInfo) -> Result<f64> {
     })
 }
 
-/// Largest and root mean square |decoded - input| over the valid samples.
-fn measured_error(plane: &Plane, units: &Units, heights: &[i32]) -> (f64, f64) {
+/// Largest and root mean square |decoded - input| over all numbers of the valid samples.
+fn measured_error(plane: &Plane, components: &Components, heights: &[i32]) -> (f64, f64) {
     let (mut largest, mut sum, mut count) = (0f64, 0f64, 0u64);
-    for (&sample, &unit) in plane.samples.iter().zip(heights) {
-        if !sample.is_nan() {
-            let error = (units.to_sample(unit) - sample).abs();
+    let mut decoded = vec![0.0; components.count()];
+    for (index, sample) in plane.samples().enumerate() {
+        let Some(sample) = sample else { continue };
+        let unit = |component: usize| heights[component * plane.count() + index];
+        components.to_sample(unit, &mut decoded);
+        for (decoded, given) in decoded.iter().zip(sample) {
+            let error = (decoded - given).abs();
             largest = largest.max(error);
             sum += error * error;
             count += 1;

@@ -86,7 +86,7 @@ impl<'a> Coding<'a, '_> {
             descent,
             roots,
             blocks,
-            model: Some(Model::new(adaptive, listed, groups)),
+            model: Some(Model::new(adaptive, listed, self.levels.components, groups)),
         })
     }
 
@@ -225,7 +225,7 @@ pub(super) fn list_heights(levels: &Levels, range: [i32; 2], bound: i32) -> Opti
     let listed = present.iter().filter(|&&present| present).count() as u64;
     let length = length as u64;
     // The list costs about a bit for each height of the range, and saves one or more for each sample.
-    let samples = levels.plane.samples.len() as u64 - levels.plane.void_samples;
+    let samples = levels.plane.count() as u64 - levels.plane.void_samples;
     if 2 * listed > length || samples < 2 * length {
         return None;
     }
@@ -233,7 +233,12 @@ pub(super) fn list_heights(levels: &Levels, range: [i32; 2], bound: i32) -> Opti
 }
 
 /// Refuses a model that was trained on data of another shape.
-pub(super) fn check_model(model: &Model, levels: u32, kind: TransformKind) -> Result<()> {
+pub(super) fn check_model(
+    model: &Model,
+    levels: u32,
+    kind: TransformKind,
+    components: usize,
+) -> Result<()> {
     let refuse = |message: String| Err(Error::Argument(message));
     if model.levels() != levels {
         return refuse(format!(
@@ -241,15 +246,25 @@ pub(super) fn check_model(model: &Model, levels: u32, kind: TransformKind) -> Re
             model.levels()
         ));
     }
-    let matrices = if kind == TransformKind::TwoStage {
-        2
-    } else {
-        1
-    };
-    let is_predicted = kind == TransformKind::Interpolating;
+    if levels > 0 && model.components() != components {
+        let name = |components: usize| {
+            if components == 1 {
+                "heights"
+            } else {
+                "colours"
+            }
+        };
+        return refuse(format!(
+            "the tables to use are those of {}, not of {}",
+            name(model.components()),
+            name(components)
+        ));
+    }
+    let own = 1 + usize::from(kind == TransformKind::TwoStage);
+    let matrices = own * components;
     // Without levels a model has no matrices to tell of.
     let has_others = levels > 0 && model.matrices() != matrices;
-    if has_others || (model.adaptive && !is_predicted) {
+    if has_others {
         return refuse("the tables to use are those of another transform".into());
     }
     Ok(())

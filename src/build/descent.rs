@@ -16,7 +16,7 @@ pub(super) struct Descent<'a> {
     pub(super) vertices: Vec<Matrix>,
     /// The diamonds of the level coded last on the next.
     pub(super) refined: Vec<Refined>,
-    /// Decoded units of all samples, each on the finest level reached.
+    /// Decoded units of all samples, each on the finest level reached, component after component.
     pub(super) heights: Vec<i32>,
 }
 
@@ -36,17 +36,20 @@ impl<'a> Descent<'a> {
         codec: &RootCodec,
         threads: usize,
     ) -> Result<(Descent<'a>, Vec<u8>)> {
-        let bytes = codec.encode(|at| levels.root_vertex(at));
+        let bytes = codec.encode(|component, at| levels.root_vertex(component, at));
         let matrix = codec
             .decode(&bytes)
             .map_err(|error| disagreement("the root", error))?;
         let (lattice, plane) = (levels.lattice, levels.plane);
-        let mut heights = vec![0; plane.samples.len()];
+        let mut heights = vec![0; levels.components * plane.count()];
         let (placement, side) = (lattice.placement(lattice.root()), lattice.cells() + 1);
-        for (index, &height) in matrix.values.iter().enumerate() {
-            let at = placement.vertex(index % side, index / side);
-            if lattice.in_raster(at) {
-                heights[plane.index(at)] = height;
+        let own = matrix.values.chunks_exact(side * side);
+        for (heights, own) in heights.chunks_exact_mut(plane.count()).zip(own) {
+            for (index, &height) in own.iter().enumerate() {
+                let at = placement.vertex(index % side, index / side);
+                if lattice.in_raster(at) {
+                    heights[plane.index(at)] = height;
+                }
             }
         }
         let descent = Descent {
@@ -179,22 +182,26 @@ fn scatter(
 ) -> u64 {
     let (lattice, plane) = (levels.lattice, levels.plane);
     let (placement, cells) = (lattice.placement(diamond), lattice.cells());
-    let mut count = 0;
-    for (index, &height) in refined.centres.values.iter().enumerate() {
-        if outline.is_codable(index) {
-            heights[plane.index(placement.centre(index % cells, index / cells))] = height;
-            count += 1;
+    let side = cells + 1;
+    for (component, heights) in heights.chunks_exact_mut(plane.count()).enumerate() {
+        let centres = &refined.centres.values[component * cells * cells..][..cells * cells];
+        for (index, &height) in centres.iter().enumerate() {
+            if outline.is_codable(index) {
+                heights[plane.index(placement.centre(index % cells, index / cells))] = height;
+            }
         }
-    }
-    if let Some(vertices) = &refined.vertices {
-        for index in (1..cells).flat_map(|j| (1..cells).map(move |i| j * (cells + 1) + i)) {
-            let at = placement.vertex(index % (cells + 1), index / (cells + 1));
+        let Some(vertices) = &refined.vertices else {
+            continue;
+        };
+        let vertices = &vertices.values[component * side * side..][..side * side];
+        for index in (1..cells).flat_map(|j| (1..cells).map(move |i| j * side + i)) {
+            let at = placement.vertex(index % side, index / side);
             if lattice.in_raster(at) {
-                heights[plane.index(at)] = vertices.values[index];
+                heights[plane.index(at)] = vertices[index];
             }
         }
     }
-    count
+    outline.codable_count(cells) as u64
 }
 
 /// The encoder and the decoder contradict each other, which only a defect of this library can cause.

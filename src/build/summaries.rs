@@ -32,7 +32,7 @@ pub(super) fn summarise(
         heights: &descent.heights,
     };
     let mut errors = Vec::with_capacity(count);
-    let per_level = levels.plane.samples.len() as u64;
+    let per_level = levels.plane.count() as u64;
     let measure =
         |rank: usize| surface.error_of(lattice.diamond(rank as u64), &descent.vertices[rank]);
     map_in_order(threads, count, measure, |rank, error| {
@@ -43,7 +43,10 @@ pub(super) fn summarise(
     let ranges = nest(levels, descent, &mut errors);
     // The root contains all, but a root alone has no summary.
     let widest = ranges.first().copied();
-    let range = union(range, widest.unwrap_or(extremes(&descent.vertices[0])));
+    let range = union(
+        range,
+        widest.unwrap_or(extremes(&descent.vertices[0], levels.components)),
+    );
     let codes = encode(levels, &errors, &ranges, range);
     Ok(Summaries { codes, range })
 }
@@ -51,16 +54,21 @@ pub(super) fn summarise(
 /// Makes every diamond's error and range contain those of its children; returns the ranges.
 fn nest(levels: &Levels, descent: &Descent, errors: &mut [f64]) -> Vec<[i32; 2]> {
     let (lattice, count) = (levels.lattice, errors.len());
-    let mut ranges: Vec<[i32; 2]> = descent.vertices[..count].iter().map(extremes).collect();
+    let mut ranges: Vec<[i32; 2]> = {
+        let vertices = descent.vertices[..count].iter();
+        vertices
+            .map(|own| extremes(own, levels.components))
+            .collect()
+    };
     let last_level = lattice.levels().saturating_sub(1);
     let last_start = count - descent.refined.len().min(count);
     for rank in (0..count).rev() {
         let diamond = lattice.diamond(rank as u64);
         if diamond.level() == last_level {
             let refined = &descent.refined[rank - last_start];
-            ranges[rank] = union(ranges[rank], extremes(&refined.centres));
+            ranges[rank] = union(ranges[rank], extremes(&refined.centres, levels.components));
             if let Some(vertices) = &refined.vertices {
-                ranges[rank] = union(ranges[rank], extremes(vertices));
+                ranges[rank] = union(ranges[rank], extremes(vertices, levels.components));
             }
         }
         for parent in lattice.parents(diamond).into_iter().flatten() {
@@ -89,10 +97,11 @@ fn encode(levels: &Levels, errors: &[f64], ranges: &[[i32; 2]], whole: [i32; 2])
     codes
 }
 
-/// Least and greatest height of a matrix.
-fn extremes(matrix: &Matrix) -> [i32; 2] {
-    let least = matrix.values.iter().copied().min().unwrap_or_default();
-    let greatest = matrix.values.iter().copied().max().unwrap_or_default();
+/// Least and greatest height of a matrix; of colours, of the first of their components.
+fn extremes(matrix: &Matrix, components: usize) -> [i32; 2] {
+    let own = || matrix.values[..matrix.values.len() / components].iter();
+    let least = own().copied().min().unwrap_or_default();
+    let greatest = own().copied().max().unwrap_or_default();
     [least, greatest]
 }
 

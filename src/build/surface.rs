@@ -8,7 +8,7 @@ use crate::lattice::{Diamond, Lattice};
 pub(super) struct LeafSurface<'a> {
     pub(super) lattice: &'a Lattice,
     pub(super) plane: &'a Plane,
-    /// One height a sample, row by row; meaningless at voids.
+    /// One height a sample, row by row, component after component; meaningless at voids.
     pub(super) heights: &'a [i32],
 }
 
@@ -48,17 +48,20 @@ impl Axes {
 }
 
 impl LeafSurface<'_> {
-    /// The largest |leaf height - height of the diamond's own triangles|, in units, over all valid
-    /// samples in the closed square; infinite where its triangles cover a void or leave ground bare.
+    /// The largest |leaf height - height of the diamond's own triangles|, in units, over all components of
+    /// all valid samples in the closed square; infinite where its triangles cover a void or leave ground bare.
     pub(super) fn error_of(&self, diamond: Diamond, vertices: &Matrix) -> f64 {
         let axes = Axes::of(self.lattice, diamond);
         let cells = self.lattice.cells();
-        let triangles = Triangles {
-            vertices: &vertices.values,
+        let own = vertices.values.chunks_exact((cells + 1) * (cells + 1));
+        let triangles = own.map(|vertices| Triangles {
+            vertices,
             cells: cells as i64,
             shift: axes.extent.trailing_zeros(),
             main: self.lattice.has_main_hypotenuse(diamond),
-        };
+        });
+        let heights = self.heights.chunks_exact(self.plane.count());
+        let components: Vec<_> = triangles.zip(heights).collect();
         let (mut largest, mut any_void) = (0i64, false);
         for row in self.rows(diamond) {
             for column in self.columns(diamond, row) {
@@ -66,9 +69,12 @@ impl LeafSurface<'_> {
                     any_void = true;
                     continue;
                 }
-                let height = self.heights[row as usize * self.plane.width + column as usize];
+                let index = self.plane.index([column, row]);
                 let [u, v] = axes.coordinates(column, row);
-                largest = largest.max(triangles.scaled_difference(u, v, height).abs());
+                for (triangles, heights) in &components {
+                    let difference = triangles.scaled_difference(u, v, heights[index]);
+                    largest = largest.max(difference.abs());
+                }
             }
         }
         if any_void {

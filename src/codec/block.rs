@@ -1,10 +1,11 @@
 //! The block of one diamond: its void mask, then its coefficients (`docs/format.md`).
 
+use super::symbols::{Known, Task};
 use super::{Fit, LevelModel, Matrix, Model, Outline, Refined, SymbolCoder, Trace, Trainer, mask};
 use crate::entropy::bits::{BitReader, BitWriter};
 use crate::entropy::{self, gamma};
 use crate::transform::adaptive::Weights;
-use crate::transform::{Coefficients, Target, Transform, Validity};
+use crate::transform::{Coefficients, Synthesis, Target, Transform, Validity};
 
 /// One byte an entry of a matrix: 1 or 0.
 type Mask = Box<[u8]>;
@@ -29,9 +30,10 @@ pub struct BlockCodec {
     has_voids: bool,
     /// Bytes that a block's length is a multiple of.
     unit: usize,
-    transform: Box<dyn Transform>,
-    /// Codes coefficients in contexts; without it they are a quadtree of gamma codes.
-    symbols: Option<SymbolCoder>,
+    /// One for each component.
+    transforms: Vec<Box<dyn Transform>>,
+    /// Code each component's coefficients in contexts; without them they are quadtrees of gamma codes.
+    symbols: Option<Vec<SymbolCoder>>,
     /// What blocks are decoded by.
     model: Option<Model>,
 }
@@ -63,22 +65,22 @@ impl Draft {
 }
 
 impl BlockCodec {
-    /// A codec for diamonds of `cells` cells; `has_voids` says whether any sample of the whole raster
-    /// is void, so that rasters without any spend nothing on masks. Coefficients are a quadtree of gamma
-    /// codes.
-    pub fn new(cells: usize, has_voids: bool, transform: Box<dyn Transform>) -> BlockCodec {
+    /// A codec for diamonds of `cells` cells, with the transform of each component; `has_voids` says whether
+    /// any sample of the whole raster is void, so that rasters without any spend nothing on masks. Coefficients
+    /// are quadtrees of gamma codes.
+    pub fn new(cells: usize, has_voids: bool, transforms: Vec<Box<dyn Transform>>) -> BlockCodec {
         BlockCodec {
             cells,
             has_voids,
             unit: usize::from(block_length_unit(cells)),
-            transform,
+            transforms,
             symbols: None,
             model: None,
         }
     }
 
-    /// The same with coefficients coded in contexts.
-    pub fn with_symbols(self, symbols: SymbolCoder) -> BlockCodec {
+    /// The same with coefficients coded in contexts, by one coder for each component.
+    pub fn with_symbols(self, symbols: Vec<SymbolCoder>) -> BlockCodec {
         BlockCodec {
             symbols: Some(symbols),
             ..self
@@ -93,19 +95,14 @@ impl BlockCodec {
         }
     }
 
-    /// What makes coefficients of heights.
-    pub fn transform(&self) -> &dyn Transform {
-        &*self.transform
-    }
-
     /// What blocks are decoded by.
     pub fn model(&self) -> Option<&Model> {
         self.model.as_ref()
     }
 
-    /// How many matrices of coefficients a diamond has.
+    /// How many matrices of coefficients a diamond has, of all components.
     pub fn matrices(&self) -> usize {
-        self.transform.matrices()
+        self.transforms.iter().map(|own| own.matrices()).sum()
     }
 
     /// What leads from a diamond's decoded vertices to its heights on the next level, in units, and the
@@ -124,35 +121,21 @@ impl BlockCodec {
     ) -> (Draft, Refined) {
         let coded = coded_centres(outline, voids);
         let validity = validity(vertices, outline, &coded);
-        let (content, refined, is_zero) = match &self.symbols {
-            Some(symbols) if symbols.is_adaptive() => {
-                let (trace, centres) =
-                    symbols.trace_centres(&weights[0], &validity, &vertices.values, target.centres);
+        let (content, is_zero, synthesis) = match &self.symbols {
+            Some(symbols) => {
+                let (trace, synthesis) = self.trace(symbols, weights, &validity, vertices, target);
                 let is_zero = trace.is_zero();
-                let centres = centre_matrix(centres, coded.clone());
-                let refined = Refined {
-                    vertices: None,
-                    centres,
-                };
-                (Content::Symbols(trace), refined, is_zero)
+                (Content::Symbols(trace), is_zero, synthesis)
             }
-            symbols => {
-                let coefficients = self.transform.analyse(&validity, &vertices.values, target);
-                let inner = self.transform.coded_vertices(&validity);
-                let content = match symbols {
-                    Some(symbols) => Content::Symbols(symbols.trace_coefficients(
-                        weights,
-                        &validity,
-                        inner.as_deref(),
-                        &vertices.values,
-                        &coefficients,
-                    )),
-                    None => Content::Bytes(self.gamma(&validity, inner.as_deref(), &coefficients)),
-                };
-                let refined = self.refine(vertices, outline, coded.clone(), &coefficients);
-                (content, refined, coefficients.are_zero())
+            None => {
+                let coefficients = self.analyse(&validity, vertices, target);
+                let bytes = self.gamma(&validity, &coefficients);
+                let synthesis = self.synthesise(&validity, vertices, &coefficients);
+                let is_zero = coefficients.iter().all(Coefficients::are_zero);
+                (Content::Bytes(bytes), is_zero, synthesis)
             }
         };
+        let refined = gather(synthesis, vertices, coded.clone());
         let all_void = coded.as_ref().is_some_and(|coded| !coded.contains(&1));
         let by_default = self.has_voids && all_void_by_default(vertices);
         let uniform = voids.is_none_or(|voids| !voids.contains(&1)) || all_void;
@@ -162,6 +145,93 @@ impl BlockCodec {
             content,
         };
         (draft, refined)
+    }
+
+    /// The coefficients that lead to `target` in contexts, and what they come back as.
+    fn trace(
+        &self,
+        symbols: &[SymbolCoder],
+        weights: &[Weights],
+        validity: &Validity,
+        vertices: &Matrix,
+        target: Target,
+    ) -> (Trace, Vec<Synthesis>) {
+        let (mut trace, mut known) = (Trace::default(), Before::default());
+        let mut all = Vec::with_capacity(self.transforms.len());
+        for (component, part) in self.parts(vertices, target).enumerate() {
+            let (transform, coder) = (&self.transforms[component], &symbols[component]);
+            let step = coder.step();
+            if coder.is_adaptive() && !transform.is_filtering() {
+                let task = known.task(0, component, validity.centres, part.own);
+                let weights = &weights[task.matrix];
+                let (centres, kept) =
+                    coder.trace_centres(weights, &task, part.target.centres, &mut trace);
+                known.add(0, kept, step);
+                all.push(Synthesis {
+                    vertices: None,
+                    centres,
+                });
+                continue;
+            }
+            let coefficients = transform.analyse(validity, part.own, part.target);
+            for_each_matrix(
+                &**transform,
+                validity,
+                &coefficients,
+                |kind, coded, entries| {
+                    let task = known.task(kind, component, coded, part.own);
+                    let kept =
+                        coder.trace_coefficients(&weights[task.matrix], &task, entries, &mut trace);
+                    known.add(kind, kept, step);
+                },
+            );
+            all.push(transform.synthesise(validity, part.own, &coefficients));
+        }
+        (trace, all)
+    }
+
+    /// A diamond's components one by one.
+    fn parts<'a>(
+        &self,
+        vertices: &'a Matrix,
+        target: Target<'a>,
+    ) -> impl Iterator<Item = Part<'a>> {
+        let own = self.components(vertices);
+        let side = self.cells + 1;
+        let next = target.vertices.chunks_exact(side * side);
+        let centres = target.centres.chunks_exact(self.cells * self.cells);
+        own.zip(next.zip(centres))
+            .map(|(own, (vertices, centres))| Part {
+                own,
+                target: Target { vertices, centres },
+            })
+    }
+
+    /// The vertices of each component.
+    fn components<'a>(&self, vertices: &'a Matrix) -> std::slice::ChunksExact<'a, i32> {
+        let side = self.cells + 1;
+        vertices.values.chunks_exact(side * side)
+    }
+
+    fn analyse(&self, validity: &Validity, vertices: &Matrix, target: Target) -> Vec<Coefficients> {
+        let parts = self.parts(vertices, target).zip(&self.transforms);
+        parts
+            .map(|(part, transform)| transform.analyse(validity, part.own, part.target))
+            .collect()
+    }
+
+    fn synthesise(
+        &self,
+        validity: &Validity,
+        vertices: &Matrix,
+        coefficients: &[Coefficients],
+    ) -> Vec<Synthesis> {
+        let own = self.components(vertices).zip(&self.transforms);
+        own.zip(coefficients)
+            .map(|((own, transform), coefficients)| {
+                transform.synthesise(validity, own, coefficients)
+            })
+            .collect()
     }
 
     /// The bytes of a draft; `model` is that of its level, and for coefficients in contexts only.
@@ -196,21 +266,30 @@ impl BlockCodec {
         let Some(symbols) = &self.symbols else { return };
         let coded = coded_centres(outline, voids);
         let validity = validity(vertices, outline, &coded);
-        let own = &vertices.values;
-        if symbols.is_adaptive() {
-            symbols.show_centres(&trainers[0], &mut fits[0], &validity, own, target.centres);
-            return;
+        let mut known = Before::default();
+        for (component, part) in self.parts(vertices, target).enumerate() {
+            let (transform, coder) = (&self.transforms[component], &symbols[component]);
+            let step = coder.step();
+            if coder.is_adaptive() && !transform.is_filtering() {
+                let task = known.task(0, component, validity.centres, part.own);
+                let (trainer, fit) = (&trainers[task.matrix], &mut fits[task.matrix]);
+                let shown = coder.show_centres(trainer, fit, &task, part.target.centres);
+                known.add(0, shown, step);
+                continue;
+            }
+            let coefficients = transform.analyse(&validity, part.own, part.target);
+            for_each_matrix(
+                &**transform,
+                &validity,
+                &coefficients,
+                |kind, coded, entries| {
+                    let task = known.task(kind, component, coded, part.own);
+                    let (trainer, fit) = (&trainers[task.matrix], &mut fits[task.matrix]);
+                    let shown = coder.show_coefficients(trainer, fit, &task, entries);
+                    known.add(kind, shown, step);
+                },
+            );
         }
-        let coefficients = self.transform.analyse(&validity, own, target);
-        let inner = self.transform.coded_vertices(&validity);
-        symbols.show_coefficients(
-            trainers,
-            fits,
-            &validity,
-            inner.as_deref(),
-            own,
-            &coefficients,
-        );
     }
 
     fn encode_mask(&self, vertices: &Matrix, outline: &Outline, voids: Option<&[u8]>) -> Vec<u8> {
@@ -230,21 +309,12 @@ impl BlockCodec {
         bytes
     }
 
-    fn gamma(
-        &self,
-        validity: &Validity,
-        coded_vertices: Option<&[u8]>,
-        coefficients: &Coefficients,
-    ) -> Vec<u8> {
+    fn gamma(&self, validity: &Validity, coefficients: &[Coefficients]) -> Vec<u8> {
         let mut bits = BitWriter::new();
-        gamma::encode(
-            &coefficients.centres,
-            self.cells,
-            validity.centres,
-            &mut bits,
-        );
-        if let Some(inner) = &coefficients.vertices {
-            gamma::encode(inner, self.cells, coded_vertices, &mut bits);
+        for (transform, coefficients) in self.transforms.iter().zip(coefficients) {
+            for_each_matrix(&**transform, validity, coefficients, |_, coded, entries| {
+                gamma::encode(entries, self.cells, coded, &mut bits);
+            });
         }
         bits.into_bytes()
     }
@@ -271,19 +341,17 @@ impl BlockCodec {
         };
         let coded = coded_centres(outline, voids.as_deref());
         let validity = validity(vertices, outline, &coded);
-        if let (Some(symbols), Some(model)) = (&self.symbols, &self.model)
-            && symbols.is_adaptive()
-        {
-            let model = model.level(outline.level);
-            let centres = symbols.decode_centres(model, &validity, &vertices.values, rest)?;
-            return Ok(Refined {
-                vertices: None,
-                centres: centre_matrix(centres, coded),
-            });
-        }
-        let coefficients =
-            self.decode_coefficients(&validity, outline.level, &vertices.values, rest)?;
-        Ok(self.refine(vertices, outline, coded, &coefficients))
+        let synthesis = match (&self.symbols, &self.model) {
+            (Some(symbols), Some(model)) => {
+                let model = model.level(outline.level);
+                self.decode_symbols(symbols, model, &validity, vertices, rest)?
+            }
+            _ => {
+                let coefficients = self.decode_gamma(&validity, rest)?;
+                self.synthesise(&validity, vertices, &coefficients)
+            }
+        };
+        Ok(gather(synthesis, vertices, coded))
     }
 
     /// What [`decode`](Self::decode) gives for the block that [`encode`](Self::encode) makes of the same.
@@ -296,62 +364,95 @@ impl BlockCodec {
     ) -> Refined {
         let coded = coded_centres(outline, voids);
         let validity = validity(vertices, outline, &coded);
-        let coefficients = self.transform.analyse(&validity, &vertices.values, target);
-        self.refine(vertices, outline, coded, &coefficients)
+        let coefficients = self.analyse(&validity, vertices, target);
+        let synthesis = self.synthesise(&validity, vertices, &coefficients);
+        gather(synthesis, vertices, coded)
     }
 
-    fn refine(
+    /// What coefficients in contexts lead to; those of `None` are all zero.
+    fn decode_symbols(
         &self,
+        symbols: &[SymbolCoder],
+        model: &LevelModel,
+        validity: &Validity,
         vertices: &Matrix,
-        outline: &Outline,
-        coded: Option<Mask>,
-        coefficients: &Coefficients,
-    ) -> Refined {
-        let heights = self.transform.synthesise(
-            &validity(vertices, outline, &coded),
-            &vertices.values,
-            coefficients,
-        );
-        let centres = centre_matrix(heights.centres, coded);
-        let vertices = heights.vertices.map(|values| Matrix {
-            values,
-            valid: vertices.valid.clone(),
-        });
-        Refined { vertices, centres }
+        bytes: Option<&[u8]>,
+    ) -> Result<Vec<Synthesis>, BlockError> {
+        let (mut scratch, mut known) = (Vec::new(), Before::default());
+        let mut decoder = match (symbols.first(), bytes) {
+            (Some(coder), Some(bytes)) => Some(coder.decoder(model, bytes, &mut scratch)),
+            _ => None,
+        };
+        let mut all = Vec::with_capacity(symbols.len());
+        let parts = symbols.iter().zip(&self.transforms);
+        for (component, (own, (coder, transform))) in
+            self.components(vertices).zip(parts).enumerate()
+        {
+            let is_last = component + 1 == symbols.len();
+            if coder.is_adaptive() && !transform.is_filtering() {
+                let task = known.task(0, component, validity.centres, own);
+                let mut kept = (!is_last).then(Vec::new);
+                let centres = coder.decode_centres(model, &task, decoder.as_mut(), kept.as_mut());
+                known.add(0, kept.unwrap_or_default(), coder.step());
+                all.push(Synthesis {
+                    vertices: None,
+                    centres,
+                });
+                continue;
+            }
+            let mut decode = |kind: usize, coded: Option<&[u8]>| {
+                let task = known.task(kind, component, coded, own);
+                let (entries, kept) = coder.decode_coefficients(model, &task, decoder.as_mut());
+                known.add(kind, kept, coder.step());
+                entries
+            };
+            let centres = decode(0, validity.centres);
+            let inner = transform.coded_vertices(validity);
+            let inner = inner.map(|coded| decode(1, Some(&coded)));
+            let coefficients = Coefficients {
+                centres,
+                vertices: inner,
+            };
+            all.push(transform.synthesise(validity, own, &coefficients));
+        }
+        if let Some(decoder) = decoder {
+            decoder.finish()?;
+        }
+        Ok(all)
     }
 
-    /// The coefficients in the bytes that end a block; all zero for the empty block.
-    fn decode_coefficients(
+    /// The coefficients of each component in gamma codes; all zero for the empty block.
+    fn decode_gamma(
         &self,
         validity: &Validity,
-        level: u32,
-        vertices: &[i32],
         bytes: Option<&[u8]>,
-    ) -> Result<Coefficients, BlockError> {
+    ) -> Result<Vec<Coefficients>, BlockError> {
         let zeros = || vec![0; self.cells * self.cells].into_boxed_slice();
-        let coded_vertices = self.transform.coded_vertices(validity);
-        if let (Some(symbols), Some(model)) = (&self.symbols, &self.model) {
-            let (model, coded) = (model.level(level), coded_vertices.as_deref());
-            return symbols.decode_coefficients(model, validity, coded, vertices, bytes);
-        }
-        let mut coefficients = Coefficients {
-            centres: zeros(),
-            vertices: coded_vertices.is_some().then(zeros),
-        };
-        let Some(bytes) = bytes else {
-            return Ok(coefficients);
-        };
-        let (side, mut bits) = (self.cells, BitReader::new(bytes));
-        gamma::decode(&mut bits, side, validity.centres, &mut coefficients.centres)?;
-        if let Some(inner) = &mut coefficients.vertices {
-            gamma::decode(&mut bits, side, coded_vertices.as_deref(), inner)?;
+        let mut bits = BitReader::new(bytes.unwrap_or_default());
+        let mut all = Vec::with_capacity(self.transforms.len());
+        for transform in &self.transforms {
+            let coded_vertices = transform.coded_vertices(validity);
+            let mut coefficients = Coefficients {
+                centres: zeros(),
+                vertices: coded_vertices.is_some().then(zeros),
+            };
+            if bytes.is_some() {
+                let side = self.cells;
+                gamma::decode(&mut bits, side, validity.centres, &mut coefficients.centres)?;
+                if let Some(inner) = &mut coefficients.vertices {
+                    gamma::decode(&mut bits, side, coded_vertices.as_deref(), inner)?;
+                }
+            }
+            all.push(coefficients);
         }
         let used = bits.position().div_ceil(8);
-        let surplus = bytes.get(used..).unwrap_or_default();
+        let surplus = bytes
+            .and_then(|bytes| bytes.get(used..))
+            .unwrap_or_default();
         if surplus.len() >= self.unit || surplus.iter().any(|&byte| byte != 0) {
             return Err(BlockError::Surplus);
         }
-        Ok(coefficients)
+        Ok(all)
     }
 
     /// The void mask at the start of a block, and the rest of the block.
@@ -385,13 +486,83 @@ fn all_void_by_default(vertices: &Matrix) -> bool {
     !vertices.any_valid()
 }
 
-fn centre_matrix(values: Box<[i32]>, coded: Option<Mask>) -> Matrix {
-    match coded {
-        Some(valid) => Matrix::new(values, valid),
-        None => Matrix {
-            values,
-            valid: None,
+/// One component of a diamond: its vertices, and what the next level should be.
+struct Part<'a> {
+    own: &'a [i32],
+    target: Target<'a>,
+}
+
+/// The matrices of the components that are known already, by kind: of centres, and of vertices.
+#[derive(Default)]
+struct Before([Vec<Known>; 2]);
+
+impl Before {
+    /// A matrix of this kind of the next component.
+    fn task<'a>(
+        &'a self,
+        kind: usize,
+        component: usize,
+        coded: Option<&'a [u8]>,
+        vertices: &'a [i32],
+    ) -> Task<'a> {
+        // Matrices of one kind are as many in every component.
+        let kinds = 1 + usize::from(kind == 1 || !self.0[1].is_empty());
+        Task {
+            matrix: component * kinds + kind,
+            coded,
+            vertices,
+            companions: &self.0[kind],
+            beside: self.0[0].last().filter(|_| kind == 1),
+        }
+    }
+
+    fn add(&mut self, kind: usize, residuals: Vec<i32>, step: i32) {
+        self.0[kind].push(Known { residuals, step });
+    }
+}
+
+/// Calls `visit` with the kind of each of a component's matrices, which entries are coded, and the entries.
+fn for_each_matrix(
+    transform: &dyn Transform,
+    validity: &Validity,
+    coefficients: &Coefficients,
+    mut visit: impl FnMut(usize, Option<&[u8]>, &[i32]),
+) {
+    visit(0, validity.centres, &coefficients.centres);
+    if let Some(inner) = &coefficients.vertices {
+        visit(1, transform.coded_vertices(validity).as_deref(), inner);
+    }
+}
+
+/// All components on the next level, in one.
+fn gather(components: Vec<Synthesis>, vertices: &Matrix, coded: Option<Mask>) -> Refined {
+    let filtered = components.iter().any(|own| own.vertices.is_some());
+    let mut centres: Vec<Box<[i32]>> = Vec::with_capacity(components.len());
+    let mut next: Vec<Box<[i32]>> = Vec::new();
+    for own in components {
+        centres.push(own.centres);
+        next.extend(own.vertices);
+    }
+    let centres = joined(centres);
+    Refined {
+        vertices: filtered.then(|| Matrix {
+            values: joined(next),
+            valid: vertices.valid.clone(),
+        }),
+        centres: match coded {
+            Some(valid) => Matrix::new(centres, valid),
+            None => Matrix {
+                values: centres,
+                valid: None,
+            },
         },
+    }
+}
+
+fn joined(mut parts: Vec<Box<[i32]>>) -> Box<[i32]> {
+    match parts.len() {
+        1 => parts.remove(0),
+        _ => parts.concat().into(),
     }
 }
 

@@ -1,14 +1,15 @@
-//! A square matrix of heights in units with the validity of each.
+//! A square matrix of heights, or of the components of colours, in units, with the validity of each entry.
 
 use crate::lattice::{Diamond, Lattice, gather_half, reflect_absent_half};
 
-/// Heights at a diamond's vertices, (N+1)^2, or centres, N^2. Those that are not valid carry their own
-/// prediction.
+/// Heights at a diamond's vertices, (N+1)^2, or centres, N^2; or colours, whose components follow each other,
+/// as many entries each. Those that are not valid carry their own prediction.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Matrix {
-    /// Heights in units, row by row.
+    /// Heights in units, row by row, or all of the first component and then those of the next.
     pub values: Box<[i32]>,
-    /// 1 where the height is a sample's, 0 where it is void or outside; `None` when all are valid.
+    /// For each entry of one component 1 where it is a sample's, 0 where it is void or outside; `None` when
+    /// all are valid.
     pub valid: Option<Box<[u8]>>,
 }
 
@@ -42,8 +43,10 @@ pub fn child_vertices(
     child: Diamond,
     parents: [Option<(&Matrix, &Matrix)>; 2],
 ) -> Matrix {
-    let side = lattice.cells() + 1;
-    let mut values = vec![0; side * side].into_boxed_slice();
+    let (cells, side) = (lattice.cells(), lattice.cells() + 1);
+    let count = |matrix: &Matrix| matrix.values.len() / (side * side);
+    let components = parents.iter().flatten().map(|(v, _)| count(v)).max();
+    let mut values = vec![0; components.unwrap_or(1) * side * side].into_boxed_slice();
     let masked = parents
         .iter()
         .flatten()
@@ -54,18 +57,24 @@ pub fn child_vertices(
         let (Some(parent), Some((vertices, centres))) = (ids[half], parents[half]) else {
             continue;
         };
-        let sources = (&vertices.values[..], &centres.values[..]);
-        gather_half(lattice, parent, sources, child, half, &mut values);
+        let own = vertices.values.chunks_exact(side * side);
+        let sources = own.zip(centres.values.chunks_exact(cells * cells));
+        for (sources, values) in sources.zip(values.chunks_exact_mut(side * side)) {
+            gather_half(lattice, parent, sources, child, half, values);
+        }
         if let Some(valid) = &mut valid {
-            let (v, c) = (mask_or_ones(vertices), mask_or_ones(centres));
+            let v = mask_or_ones(vertices, side * side);
+            let c = mask_or_ones(centres, cells * cells);
             gather_half(lattice, parent, (&v, &c), child, half, valid);
         }
     }
     if let Some(absent) = ids.iter().position(|parent| parent.is_none()) {
         let apex = lattice.apexes(child)[absent];
-        reflect_absent_half(lattice.cells(), apex, &mut values);
+        for values in values.chunks_exact_mut(side * side) {
+            reflect_absent_half(cells, apex, values);
+        }
         if let Some(valid) = &mut valid {
-            reflect_absent_half(lattice.cells(), apex, valid);
+            reflect_absent_half(cells, apex, valid);
         }
     }
     match valid {
@@ -77,9 +86,9 @@ pub fn child_vertices(
     }
 }
 
-fn mask_or_ones(matrix: &Matrix) -> std::borrow::Cow<'_, [u8]> {
+fn mask_or_ones(matrix: &Matrix, length: usize) -> std::borrow::Cow<'_, [u8]> {
     match &matrix.valid {
         Some(valid) => valid.as_ref().into(),
-        None => vec![1; matrix.values.len()].into(),
+        None => vec![1; length].into(),
     }
 }

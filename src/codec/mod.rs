@@ -4,6 +4,7 @@
 mod block;
 mod bounds;
 pub mod colour;
+mod components;
 mod mask;
 mod matrix;
 mod model;
@@ -17,6 +18,7 @@ mod units;
 
 pub use block::{BlockCodec, BlockError, Draft, block_length_unit};
 pub use bounds::{ErrorCode, RangeCode};
+pub use components::{ColourUnits, Components};
 pub use matrix::{Matrix, child_vertices};
 pub use model::{LevelModel, MatrixModel, Model};
 pub use outline::Outline;

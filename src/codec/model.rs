@@ -3,7 +3,7 @@
 use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
 use crate::entropy::frequency::{Decisions, Frequencies, TableModel};
 use crate::entropy::rans::Tables;
-use crate::transform::adaptive::{CLASSES, CONTEXTS, FEATURES, Weights};
+use crate::transform::adaptive::{CLASSES, COMPANIONS, CONTEXTS, FEATURES, Weights};
 use crate::transform::{LONGEST_LIST, ListedHeights};
 use std::sync::OnceLock;
 
@@ -17,6 +17,8 @@ pub struct Model {
     pub adaptive: bool,
     /// The heights that coefficients count in, where not all are.
     pub listed: Option<ListedHeights>,
+    /// 1 of heights, 3 of colours, each with as many matrices.
+    components: usize,
     /// Groups of consecutive levels that share a model, coarse to fine.
     groups: Vec<LevelModel>,
     /// For each refinable level its group.
@@ -63,15 +65,17 @@ impl LevelModel {
 }
 
 impl Model {
-    /// A model of groups of levels, each with the first level after it.
+    /// A model of groups of levels, each with the first level after it, of samples with so many components.
     pub fn new(
         adaptive: bool,
         listed: Option<ListedHeights>,
+        components: usize,
         groups: Vec<(LevelModel, u32)>,
     ) -> Model {
         let mut model = Model {
             adaptive,
             listed,
+            components,
             groups: Vec::with_capacity(groups.len()),
             group_of: Vec::new(),
         };
@@ -87,7 +91,12 @@ impl Model {
         self.group_of.len() as u32
     }
 
-    /// Matrices of a diamond.
+    /// Components of a sample.
+    pub fn components(&self) -> usize {
+        self.components
+    }
+
+    /// Matrices of a diamond, of all components.
     pub fn matrices(&self) -> usize {
         self.groups.first().map_or(0, |group| group.matrices.len())
     }
@@ -115,7 +124,10 @@ impl Model {
             if is_first {
                 for (index, matrix) in self.groups[group].matrices.iter().enumerate() {
                     let known = last.get(index).cloned().unwrap_or_else(Weights::fixed);
+                    let companions = companions(index, self.matrices(), self.components);
+                    let numbers = &mut numbers;
                     numbers.pass_weights(&mut encoder, self.adaptive, &matrix.weights, &known);
+                    numbers.pass_companions(&mut encoder, companions, &matrix.weights, &known);
                     numbers.encode_tables(&mut encoder, &matrix.frequencies);
                 }
                 last = self.groups[group]
@@ -128,9 +140,14 @@ impl Model {
         encoder.finish()
     }
 
-    /// The model of `levels` refinable levels whose diamonds have `matrices` matrices; `None` where the
-    /// bytes are none.
-    pub fn from_bytes(bytes: &[u8], levels: u32, matrices: usize) -> Option<Model> {
+    /// The model of `levels` refinable levels whose diamonds have `matrices` matrices of `components`
+    /// components together; `None` where the bytes are none.
+    pub fn from_bytes(
+        bytes: &[u8],
+        levels: u32,
+        matrices: usize,
+        components: usize,
+    ) -> Option<Model> {
         let mut decoder = BinaryDecoder::new(bytes);
         let mut numbers = Numbers::default();
         let adaptive = numbers.pass_flag(&mut decoder, false);
@@ -148,7 +165,10 @@ impl Model {
                 for index in 0..matrices {
                     let known = groups.last().map(|(group, _)| group.weights(index).clone());
                     let known = known.unwrap_or_else(Weights::fixed);
-                    let weights = numbers.pass_weights(&mut decoder, adaptive, &known, &known);
+                    let companions = companions(index, matrices, components);
+                    let mut weights = numbers.pass_weights(&mut decoder, adaptive, &known, &known);
+                    weights.companions =
+                        numbers.pass_companions(&mut decoder, companions, &known, &known);
                     let frequencies = numbers.decode_tables(&mut decoder)?;
                     all.push(MatrixModel {
                         weights,
@@ -160,8 +180,13 @@ impl Model {
                 *end = level + 1;
             }
         }
-        Some(Model::new(adaptive, listed, groups))
+        Some(Model::new(adaptive, listed, components, groups))
     }
+}
+
+/// How many components before tell of a matrix.
+fn companions(matrix: usize, matrices: usize, components: usize) -> usize {
+    (matrix * components / matrices.max(1)).min(COMPANIONS)
 }
 
 /// Adaptive probabilities of all that is not a frequency. What passes through is written by an encoder,
@@ -173,6 +198,7 @@ struct Numbers {
     same_table: Probability,
     listed: Vec<Probability>,
     weight: Number,
+    companion: Number,
     bits: Number,
 }
 
@@ -259,6 +285,28 @@ impl Numbers {
         let difference = told.first_context.wrapping_sub(known.first_context);
         let passed = self.bits.pass(coder, difference);
         weights.first_context = known.first_context.wrapping_add(passed).clamp(0, 128);
+        weights
+    }
+
+    /// The weights of the components before, as differences from those of the class before and of the group
+    /// before.
+    fn pass_companions(
+        &mut self,
+        coder: &mut impl Decisions,
+        companions: usize,
+        told: &Weights,
+        known: &Weights,
+    ) -> [[i16; CLASSES]; COMPANIONS] {
+        let mut weights = known.companions;
+        for (companion, weights) in weights.iter_mut().enumerate().take(companions) {
+            let mut near = weights[0];
+            for (class, weight) in weights.iter_mut().enumerate() {
+                let difference = told.companions[companion][class].wrapping_sub(near);
+                let passed = self.companion.pass(coder, i32::from(difference));
+                near = near.wrapping_add(passed as i16);
+                *weight = near;
+            }
+        }
         weights
     }
 

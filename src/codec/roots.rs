@@ -1,5 +1,5 @@
-//! The root's vertex matrix as bytes (`docs/format.md`): from its corners inwards, each vertex between those
-//! before it, as adaptive binary decisions.
+//! The root's vertex matrix as bytes (`docs/format.md`): one component after the other, each from its corners
+//! inwards, each vertex between those before it, as adaptive binary decisions.
 
 use super::{BlockError, Matrix};
 use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
@@ -9,116 +9,102 @@ use crate::transform::Quantiser;
 /// Codes the (N+1)^2 vertices of a root.
 pub struct RootCodec<'a> {
     lattice: &'a Lattice,
-    quantiser: Quantiser,
-    range: [i32; 2],
+    /// Of each component.
+    quantisers: Vec<Quantiser>,
 }
 
 impl<'a> RootCodec<'a> {
-    /// A codec for the root of `lattice`, with the quantiser's bound e and the range of
-    /// heights that the repository's transform can make.
-    pub fn new(lattice: &'a Lattice, bound: i32, range: [i32; 2]) -> RootCodec<'a> {
-        let quantiser = Quantiser::new(bound, range[0], range[1]);
+    /// A codec for the root of `lattice`, with the quantiser of each component, whose range is that which the
+    /// repository's transform can make.
+    pub fn new(lattice: &'a Lattice, quantisers: Vec<Quantiser>) -> RootCodec<'a> {
         RootCodec {
             lattice,
-            quantiser,
-            range,
+            quantisers,
         }
     }
 
-    /// Bytes for the root's vertices; `samples` gives the unit of a sample by column and row, or `None`
-    /// for a void.
-    pub fn encode(&self, samples: impl Fn([i64; 2]) -> Option<i32>) -> Vec<u8> {
+    /// Bytes for the root's vertices; `samples` gives a component of a sample by its number and by column
+    /// and row, in units, or `None` for a void.
+    pub fn encode(&self, samples: impl Fn(usize, [i64; 2]) -> Option<i32>) -> Vec<u8> {
         let mut encoder = BinaryEncoder::new();
-        let mut model = Model::new();
-        self.scan(|at, outlook| {
-            let sample = samples(at);
-            encoder.encode(sample.is_none(), &mut model.void[outlook.voids]);
-            sample.map(|sample| {
-                let coefficient = self.quantiser.quantise(sample, outlook.prediction);
-                model.encode(&mut encoder, outlook.context, coefficient);
-                self.quantiser.reconstruct(coefficient, outlook.prediction)
-            })
-        });
+        for (component, quantiser) in self.quantisers.iter().enumerate() {
+            let mut model = Model::new();
+            self.scan(quantiser, |at, _, outlook| {
+                let sample = samples(component, at);
+                if component == 0 {
+                    encoder.encode(sample.is_none(), &mut model.void[outlook.voids]);
+                }
+                sample.map(|sample| {
+                    let coefficient = quantiser.quantise(sample, outlook.prediction);
+                    model.encode(&mut encoder, outlook.context, coefficient);
+                    quantiser.reconstruct(coefficient, outlook.prediction)
+                })
+            });
+        }
         encoder.finish()
     }
 
     /// The root's vertex matrix.
     pub fn decode(&self, bytes: &[u8]) -> Result<Matrix, BlockError> {
         let mut decoder = BinaryDecoder::new(bytes);
-        let mut model = Model::new();
-        let mut matrix = self.scan(|_, outlook| {
-            let void = decoder.decode(&mut model.void[outlook.voids]);
-            (!void).then(|| {
-                let coefficient = model.decode(&mut decoder, outlook.context);
-                self.quantiser.reconstruct(coefficient, outlook.prediction)
-            })
-        });
-        self.carry_nearest(&mut matrix);
-        Ok(matrix)
+        let mut values = Vec::new();
+        let mut valid: Option<Box<[u8]>> = None;
+        for quantiser in &self.quantisers {
+            let mut model = Model::new();
+            let mut grid = self.scan(quantiser, |_, index, outlook| {
+                let is_void = match &valid {
+                    None => decoder.decode(&mut model.void[outlook.voids]),
+                    Some(valid) => valid[index] == 0,
+                };
+                (!is_void).then(|| {
+                    let coefficient = model.decode(&mut decoder, outlook.context);
+                    quantiser.reconstruct(coefficient, outlook.prediction)
+                })
+            });
+            grid.carry_nearest(middle(quantiser));
+            values.extend(grid.values);
+            valid = Some(grid.valid);
+        }
+        Ok(Matrix::new(values.into(), valid.unwrap_or_default()))
     }
 
-    fn middle(&self) -> i32 {
-        ((i64::from(self.range[0]) + i64::from(self.range[1])) >> 1) as i32
-    }
-
-    /// Visits the vertices inside the raster, from the corners inwards. `visit` gets the position and what is
-    /// known of the vertex, and returns the height unless void.
-    fn scan(&self, mut visit: impl FnMut([i64; 2], Outlook) -> Option<i32>) -> Matrix {
+    /// Visits the vertices inside the raster, from the corners inwards. `visit` gets the position, the index
+    /// and what is known of the vertex, and returns the height unless void.
+    fn scan(
+        &self,
+        quantiser: &Quantiser,
+        mut visit: impl FnMut([i64; 2], usize, Outlook) -> Option<i32>,
+    ) -> Grid {
         let side = self.lattice.cells() + 1;
         let placement = self.lattice.placement(self.lattice.root());
+        let (middle, [low, high]) = (middle(quantiser), quantiser.range());
         let mut grid = Grid {
             side: side as i64,
-            values: vec![self.middle(); side * side].into(),
+            values: vec![middle; side * side].into(),
             valid: vec![0; side * side].into(),
         };
-        let mut last = self.middle();
+        let mut last = middle;
         for (i, j, near, far) in order(self.lattice.cells() as i64) {
             let at = placement.vertex(i as usize, j as usize);
             if !self.lattice.in_raster(at) {
                 continue;
             }
-            let mut outlook = grid.look(i, j, near, far, last, self.quantiser.step());
-            outlook.prediction = outlook.prediction.clamp(self.range[0], self.range[1]);
-            let height = visit(at, outlook);
+            let mut outlook = grid.look(i, j, near, far, last, quantiser.step());
+            outlook.prediction = outlook.prediction.clamp(low, high);
             let index = (j * grid.side + i) as usize;
+            let height = visit(at, index, outlook);
             grid.valid[index] = u8::from(height.is_some());
             grid.values[index] = height.unwrap_or(outlook.prediction);
             last = height.unwrap_or(last);
         }
-        Matrix::new(grid.values, grid.valid)
+        grid
     }
+}
 
-    /// Gives each vertex that is not valid the height of the nearest valid one.
-    fn carry_nearest(&self, matrix: &mut Matrix) {
-        let Some(valid) = &matrix.valid else { return };
-        let side = self.lattice.cells() + 1;
-        let known: Vec<usize> = (0..side * side)
-            .filter(|&index| valid[index] != 0)
-            .collect();
-        let middle = self.middle();
-        let nearest = |index: usize| {
-            let square = |other: usize| {
-                let (di, dj) = (
-                    (index % side).abs_diff(other % side),
-                    (index / side).abs_diff(other / side),
-                );
-                di * di + dj * dj
-            };
-            known.iter().copied().min_by_key(|&other| square(other))
-        };
-        let carried: Vec<(usize, i32)> = (0..side * side)
-            .filter(|&index| valid[index] == 0)
-            .map(|index| {
-                (
-                    index,
-                    nearest(index).map_or(middle, |other| matrix.values[other]),
-                )
-            })
-            .collect();
-        for (index, height) in carried {
-            matrix.values[index] = height;
-        }
-    }
+/// The middle of a quantiser's range.
+fn middle(quantiser: &Quantiser) -> i32 {
+    let [low, high] = quantiser.range().map(i64::from);
+    ((low + high) >> 1) as i32
 }
 
 /// Offsets of four vertices around one: opposite ones follow each other.
@@ -198,6 +184,28 @@ struct Grid {
 }
 
 impl Grid {
+    /// Gives each vertex that is not valid the height of the nearest valid one, else `middle`.
+    fn carry_nearest(&mut self, middle: i32) {
+        let side = self.side as usize;
+        let (valid, values) = (&self.valid, &mut self.values);
+        let known: Vec<usize> = (0..side * side)
+            .filter(|&index| valid[index] != 0)
+            .collect();
+        let nearest = |index: usize| {
+            let square = |other: usize| {
+                let (di, dj) = (
+                    (index % side).abs_diff(other % side),
+                    (index / side).abs_diff(other / side),
+                );
+                di * di + dj * dj
+            };
+            known.iter().copied().min_by_key(|&other| square(other))
+        };
+        for index in (0..side * side).filter(|&index| valid[index] == 0) {
+            values[index] = nearest(index).map_or(middle, |other| values[other]);
+        }
+    }
+
     fn get(&self, i: i64, j: i64) -> Option<i64> {
         let inside = (0..self.side).contains(&i) && (0..self.side).contains(&j);
         let index = (j * self.side + i) as usize;

@@ -4,7 +4,7 @@
 
 use super::model::WEIGHT_STEP;
 use crate::transform::adaptive::{
-    ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights,
+    ACTIVITIES, CLASSES, COMPANIONS, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights,
 };
 
 /// Rounds of fitting: two for the activity, one to see where it lies, one for each class.
@@ -35,8 +35,7 @@ impl<const N: usize> Equations<N> {
         }
     }
 
-    fn add(&mut self, numbers: &[i32; N], target: f64, weight: f64) {
-        let numbers = numbers.map(f64::from);
+    fn add(&mut self, numbers: [f64; N], target: f64, weight: f64) {
         for (row, &number) in self.matrix.iter_mut().zip(&numbers) {
             let scaled = number * weight;
             for (entry, &other) in row.iter_mut().zip(&numbers) {
@@ -101,6 +100,7 @@ pub struct Trainer {
 pub struct Fit {
     prediction: Vec<Equations<FEATURES>>,
     activity: Equations<ACTIVITIES>,
+    companions: Vec<Equations<COMPANIONS>>,
     /// How often each quarter octave of activity came.
     quarters: [u64; QUARTERS],
 }
@@ -117,6 +117,7 @@ impl Fit {
         Fit {
             prediction: vec![Equations::new(); CLASSES],
             activity: Equations::new(),
+            companions: vec![Equations::new(); CLASSES],
             quarters: [0; QUARTERS],
         }
     }
@@ -127,6 +128,9 @@ impl Fit {
             own.merge(other);
         }
         self.activity.merge(&other.activity);
+        for (own, other) in self.companions.iter_mut().zip(&other.companions) {
+            own.merge(other);
+        }
         for (own, other) in self.quarters.iter_mut().zip(&other.quarters) {
             *own += other;
         }
@@ -154,9 +158,17 @@ impl Trainer {
     }
 
     /// Takes in a sample: what was known of it and its activity, and in quarters of a shifted unit by how much
-    /// it differs from the prediction by order 2 and from that of the weights so far, and the quantiser's
-    /// step.
-    pub fn see(&self, fit: &mut Fit, sight: &Sight, activity: i32, misses: [f64; 2], step: f64) {
+    /// it differs from the prediction by order 2 and from that of the weights so far, the residuals of the
+    /// components before, and the quantiser's step.
+    pub fn see(
+        &self,
+        fit: &mut Fit,
+        sight: &Sight,
+        activity: i32,
+        misses: [f64; 2],
+        companions: [f64; COMPANIONS],
+        step: f64,
+    ) {
         let [from_order_two, residual] = misses;
         fit.quarters[Weights::quarter(activity) as usize % QUARTERS] += 1;
         // A miss tells less where the surface is rough, and nothing below the quantiser's step.
@@ -169,30 +181,35 @@ impl Trainer {
         let scale = 1e-3 + rough + 0.3 * step;
         let class = Weights::class(self.weights.context(activity));
         let weight = 1.0 / (0.3 * residual * residual + scale * scale);
-        fit.prediction[class].add(&sight.features, from_order_two, weight);
+        let moves = companions.iter().zip(&self.weights.companions);
+        let unit = f64::from(1u32 << WEIGHT_BITS);
+        let moved = moves.fold(0.0, |sum, (companion, weights)| {
+            sum + companion * f64::from(weights[class]) / unit
+        });
+        let features = sight.features.map(f64::from);
+        fit.prediction[class].add(features, from_order_two - moved, weight);
+        if companions != [0.0; COMPANIONS] {
+            fit.companions[class].add(companions, residual + moved, weight);
+        }
         let scale = scale + 0.1 * step;
         let weight = 1.0 / (0.3 * residual * residual + scale * scale);
-        fit.activity.add(&sight.activities, residual.abs(), weight);
+        let activities = sight.activities.map(f64::from);
+        fit.activity.add(activities, residual.abs(), weight);
     }
 
     /// Ends a round.
     pub fn learn(&mut self, fit: &Fit) {
-        let mut all = Equations::new();
-        for class in &fit.prediction {
-            all.merge(class);
-        }
-        let general = all.solve(&[0.0; FEATURES], 1e-5);
-        for (class, equations) in fit.prediction.iter().enumerate() {
-            let few = FEW_SAMPLES / (FEW_SAMPLES + equations.count);
-            let own = if self.round + 1 < ROUNDS {
-                general
-            } else {
-                equations.solve(&general, 1e-5 + 0.1 * few)
-            };
-            let unit = f64::from(1u32 << WEIGHT_BITS) / f64::from(WEIGHT_STEP);
+        let by_class = self.round + 1 == ROUNDS;
+        let prediction = solve_classes(&fit.prediction, by_class);
+        for (class, own) in prediction.into_iter().enumerate() {
             for (feature, own) in own.into_iter().enumerate() {
-                self.weights.prediction[feature / 2][class][feature % 2] =
-                    (own * unit).round().clamp(-GREATEST, GREATEST) as i16 * WEIGHT_STEP;
+                self.weights.prediction[feature / 2][class][feature % 2] = in_weight_bits(own);
+            }
+        }
+        let companions = solve_classes(&fit.companions, by_class);
+        for (class, own) in companions.into_iter().enumerate() {
+            for (weights, own) in self.weights.companions.iter_mut().zip(own) {
+                weights[class] = in_weight_bits(own);
             }
         }
         if self.round + 2 < ROUNDS {
@@ -211,6 +228,26 @@ impl Trainer {
         }
         self.round += 1;
     }
+}
+
+/// The weights of each class; those of all together, unless `by_class`.
+fn solve_classes<const N: usize>(classes: &[Equations<N>], by_class: bool) -> Vec<[f64; N]> {
+    let mut all = Equations::new();
+    for class in classes {
+        all.merge(class);
+    }
+    let general = all.solve(&[0.0; N], 1e-5);
+    let solve = |equations: &Equations<N>| {
+        let few = FEW_SAMPLES / (FEW_SAMPLES + equations.count);
+        equations.solve(&general, 1e-5 + 0.1 * few)
+    };
+    let own = |equations| if by_class { solve(equations) } else { general };
+    classes.iter().map(own).collect()
+}
+
+fn in_weight_bits(weight: f64) -> i16 {
+    let unit = f64::from(1u32 << WEIGHT_BITS) / f64::from(WEIGHT_STEP);
+    (weight * unit).round().clamp(-GREATEST, GREATEST) as i16 * WEIGHT_STEP
 }
 
 /// The first of the consecutive quarter octaves, as many as there are contexts, that hold the most samples.

@@ -1,7 +1,6 @@
 //! Integer units of a raster's samples, and the quantiser's bound in them.
 
 use crate::geo::{RasterInfo, SampleType};
-use crate::transform::{ListedHeights, Quantiser};
 use crate::{Error, Result};
 
 /// `sample = unit * scale + offset`, clamped to the samples' own range.
@@ -171,15 +170,6 @@ impl Units {
     fn nodata_is_in_range(&self) -> bool {
         self.nodata
             .is_some_and(|nodata| self.sample_range[0] <= nodata && nodata <= self.sample_range[1])
-    }
-
-    /// The quantiser of the bound, for units of the range; or, where it is lossless, one that counts in
-    /// listed heights.
-    pub fn quantiser(&self, listed: Option<ListedHeights>) -> Quantiser {
-        match listed {
-            Some(listed) => Quantiser::of_listed(listed),
-            None => Quantiser::new(self.bound, self.range[0], self.range[1]),
-        }
     }
 
     /// The unit nearest to a valid sample.

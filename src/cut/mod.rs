@@ -2,6 +2,7 @@
 
 mod changes;
 mod graph;
+mod layer;
 mod node;
 mod patch;
 mod projection;
@@ -14,6 +15,7 @@ mod view;
 mod window;
 
 pub use changes::Changes;
+pub use layer::Layer;
 pub use patch::{GridToWorld, Patch, VertexForm};
 pub use query::{Height, Query};
 pub use source::{DiamondSource, Summary};

@@ -1,7 +1,6 @@
 //! Reading a rectangle of samples at a level.
 
-use super::source::DiamondSource;
-use super::terrain::Terrain;
+use super::layer::Layer;
 use crate::codec::{Matrix, Refined, child_vertices};
 use crate::lattice::Diamond;
 use crate::{Error, Result};
@@ -26,8 +25,8 @@ pub struct Window {
 /// # Errors
 ///
 /// [`Error::Argument`] for a level that is odd or finer than the repository.
-pub fn level_step(terrain: &Terrain, level: u32) -> Result<u32> {
-    let levels = terrain.lattice().levels();
+pub fn level_step(layer: &Layer, level: u32) -> Result<u32> {
+    let levels = layer.lattice().levels();
     if level % 2 == 1 || level > levels {
         return Err(Error::Argument(format!(
             "level {level} has no rows of samples: give an even one from 0 to {levels}"
@@ -41,27 +40,22 @@ pub fn level_step(terrain: &Terrain, level: u32) -> Result<u32> {
 /// # Errors
 ///
 /// As [`level_step`].
-pub fn level_size(terrain: &Terrain, level: u32) -> Result<[u32; 2]> {
-    let step = level_step(terrain, level)?;
-    let lattice = terrain.lattice();
+pub fn level_size(layer: &Layer, level: u32) -> Result<[u32; 2]> {
+    let step = level_step(layer, level)?;
+    let lattice = layer.lattice();
     Ok([lattice.width(), lattice.height()].map(|side| (side - 1) / step + 1))
 }
 
-/// Fills `samples` (`width * height`, row by row) with a window of an even level, in the raster's own
-/// units; NaN where the raster is void.
+/// Fills `samples` (`width * height * bands`, row by row, `[column * bands + band]`) with a window of an even
+/// level, in the raster's own units; NaN in all bands where the raster is void.
 ///
 /// # Errors
 ///
 /// [`Error::Argument`] for a level or window outside the repository, or a buffer of another size; those of
 /// reading and decoding blocks.
-pub fn read_window(
-    terrain: &Terrain,
-    level: u32,
-    window: Window,
-    samples: &mut [f64],
-) -> Result<()> {
-    let step = i64::from(level_step(terrain, level)?);
-    let [columns, rows] = level_size(terrain, level)?;
+pub fn read_window(layer: &Layer, level: u32, window: Window, samples: &mut [f64]) -> Result<()> {
+    let step = i64::from(level_step(layer, level)?);
+    let [columns, rows] = level_size(layer, level)?;
     let fits = |start: u32, length: u32, end: u32| {
         length > 0 && u64::from(start) + u64::from(length) <= u64::from(end)
     };
@@ -71,16 +65,18 @@ pub fn read_window(
             window.width, window.height, window.column, window.row
         )));
     }
-    if samples.len() as u64 != u64::from(window.width) * u64::from(window.height) {
+    let bands = layer.components().count();
+    let length = u64::from(window.width) * u64::from(window.height) * bands as u64;
+    if samples.len() as u64 != length {
         return Err(Error::Argument(format!(
-            "a buffer of {} samples for a window of {} x {}",
+            "a buffer of {} numbers for a window of {} x {} samples, which has {length}",
             samples.len(),
             window.width,
             window.height
         )));
     }
     let mut sweep = Sweep {
-        terrain,
+        layer,
         window,
         step,
         samples,
@@ -90,7 +86,7 @@ pub fn read_window(
 
 /// A decode of all diamonds that a window needs, level by level.
 struct Sweep<'a> {
-    terrain: &'a Terrain,
+    layer: &'a Layer,
     window: Window,
     step: i64,
     samples: &'a mut [f64],
@@ -98,8 +94,8 @@ struct Sweep<'a> {
 
 impl Sweep<'_> {
     fn run(&mut self, level: u32) -> Result<()> {
-        let lattice = self.terrain.lattice();
-        let root = self.terrain.root();
+        let lattice = self.layer.lattice();
+        let root = self.layer.root();
         let (placement, side) = (lattice.placement(lattice.root()), lattice.cells() + 1);
         for index in 0..side * side {
             self.put(placement.vertex(index % side, index / side), root, index);
@@ -117,7 +113,7 @@ impl Sweep<'_> {
                     });
                     child_vertices(lattice, diamond, parents)
                 };
-                let refined = self.terrain.refine(diamond, &vertices)?;
+                let refined = self.layer.refine(diamond, &vertices)?;
                 self.put_refined(diamond, &refined);
                 decoded.insert(diamond, refined.into_matrices(vertices));
             }
@@ -129,7 +125,7 @@ impl Sweep<'_> {
     /// For each level below `level`: the diamonds whose centres and inner vertices may lie in the window,
     /// and the parents of all finer ones.
     fn needed(&self, level: u32) -> Vec<BTreeSet<Diamond>> {
-        let lattice = self.terrain.lattice();
+        let lattice = self.layer.lattice();
         let (left, top) = (i64::from(self.window.column), i64::from(self.window.row));
         let (width, height) = (i64::from(self.window.width), i64::from(self.window.height));
         let first = [left * self.step, top * self.step];
@@ -155,7 +151,7 @@ impl Sweep<'_> {
 
     /// Writes the centres of a diamond, and its inner vertices where refining changed them.
     fn put_refined(&mut self, diamond: Diamond, refined: &Refined) {
-        let lattice = self.terrain.lattice();
+        let lattice = self.layer.lattice();
         let (placement, cells) = (lattice.placement(diamond), lattice.cells());
         for index in 0..cells * cells {
             let at = placement.centre(index % cells, index / cells);
@@ -185,10 +181,17 @@ impl Sweep<'_> {
         // The absent half of a half diamond lies outside the raster but for its hypotenuse, and what
         // is outside is never in a window.
         let target = row as usize * self.window.width as usize + column as usize;
-        self.samples[target] = if matrix.is_valid(index) {
-            self.terrain.units().to_sample(matrix.values[index])
+        let components = self.layer.components();
+        let bands = components.count();
+        let sample = &mut self.samples[target * bands..(target + 1) * bands];
+        if matrix.is_valid(index) {
+            let entries = matrix.values.len() / bands;
+            components.to_sample(
+                |component| matrix.values[component * entries + index],
+                sample,
+            );
         } else {
-            f64::NAN
-        };
+            sample.fill(f64::NAN);
+        }
     }
 }

@@ -17,7 +17,7 @@ use crate::store::{EntropyKind, TransformKind};
 use crate::{Error, Result};
 
 /// Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
-/// double each, NaN for a void, any other value a sample of the raster's type (it is rounded to a
+/// double each (three for a colour: red, green, blue), NaN for a void (in all three), any other value a sample of the raster's type (it is rounded to a
 /// float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one after the
 /// other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
 /// out of it.
@@ -86,6 +86,11 @@ pub struct kmb_builder_options {
     /// For KMB_TRANSFORM_LIFTED: largest allowed root mean square difference, in sample units, or 0
     /// for lossless. The largest difference that comes with it is in the report and in the file.
     pub rms_error: f64,
+    /// Numbers of a sample: 0 or 1 for heights; 3 for colours (red, green, blue), which are of
+    /// KMB_SAMPLE_U8 or KMB_SAMPLE_U16. Errors are then those of each of the three.
+    pub bands: u32,
+    /// 0.
+    pub reserved: u32,
 }
 
 /// What a build made.
@@ -155,7 +160,10 @@ pub unsafe extern "C" fn kmb_builder_create(
             .ok_or_else(|| Failure::argument(format!("sample type {number} is unknown")))?;
         let made = kmb_builder {
             broken: AtomicBool::new(false),
-            raster: RasterInfo::new(options.width, options.height, sample_type),
+            raster: RasterInfo {
+                bands: bands(options.bands, sample_type)?,
+                ..RasterInfo::new(options.width, options.height, sample_type)
+            },
             options: BuildOptions {
                 transform: transform_kind(options.transform)?,
                 max_error: options.max_error,
@@ -178,6 +186,20 @@ fn cells_log2(cells: u32) -> std::result::Result<u32, Failure> {
         16 | 32 | 64 | 128 => Ok(cells.ilog2()),
         _ => Err(Failure::argument(format!(
             "{cells} cells: 16, 32, 64 or 128 are needed"
+        ))),
+    }
+}
+
+fn bands(number: u32, sample_type: SampleType) -> std::result::Result<u8, Failure> {
+    match (number, sample_type) {
+        (0 | 1, _) => Ok(1),
+        (3, SampleType::U8 | SampleType::U16) => Ok(3),
+        (3, _) => Err(Failure::argument(format!(
+            "colours are u8 or u16, not {}",
+            sample_type.name()
+        ))),
+        _ => Err(Failure::argument(format!(
+            "{number} bands: heights have 1, colours 3"
         ))),
     }
 }
@@ -401,15 +423,16 @@ pub unsafe extern "C" fn kmb_builder_write(
             // SAFETY: as above.
             false => Some(unsafe { output_struct(report) }?),
         };
-        let (width, user) = (builder.raster.width as usize, User(rows_user));
+        let (row_length, user) = (builder.raster.row_length(), User(rows_user));
+        let bands = usize::from(builder.raster.bands);
         let sample_type = builder.raster.sample_type;
         let next_rows = move |first_row: u32, samples: &mut [f64]| -> Result<()> {
-            let row_count = (samples.len() / width) as u32;
+            let row_count = (samples.len() / row_length) as u32;
             // SAFETY: the caller gave a function that may be called so, with this `user`.
             let answer =
                 unsafe { rows(user.pointer(), first_row, row_count, samples.as_mut_ptr()) };
             if answer == 0 {
-                return as_stored(sample_type, width, first_row, samples);
+                return as_stored(sample_type, [row_length, bands], first_row, samples);
             }
             let message = format!("row {first_row}: the rows callback answered {answer}");
             Err(Error::input(Path::new("(rows)"), message))
@@ -430,7 +453,7 @@ pub unsafe extern "C" fn kmb_builder_write(
 /// Rounds samples to their type, and refuses those that it does not have.
 fn as_stored(
     sample_type: SampleType,
-    width: usize,
+    [row_length, bands]: [usize; 2],
     first_row: u32,
     samples: &mut [f64],
 ) -> Result<()> {
@@ -440,7 +463,8 @@ fn as_stored(
         .filter(|(_, sample)| !sample.is_nan())
     {
         *sample = stored_value(*sample, sample_type).ok_or_else(|| {
-            let (column, row) = (index % width, first_row as usize + index / width);
+            let column = index % row_length / bands;
+            let row = first_row as usize + index / row_length;
             let name = sample_type.name();
             let message = format!("the sample {sample} at column {column}, row {row} is no {name}");
             Error::input(Path::new("(rows)"), message)

@@ -1,6 +1,5 @@
 //! Cuts: what a viewer draws.
 
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::boundary::{
@@ -181,7 +180,7 @@ pub unsafe extern "C" fn kmb_cut_create(
             // SAFETY: as above.
             vertex_form = chosen_form(unsafe { input_struct(options) }?.vertex_form)?;
         }
-        let terrain = Arc::clone(&repository.terrain);
+        let terrain = repository.terrain()?;
         let cut = Cut::new(terrain, CutOptions { vertex_form })?;
         let mut made = kmb_cut {
             broken: AtomicBool::new(false),

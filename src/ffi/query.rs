@@ -1,6 +1,5 @@
 //! Heights and windows of samples, without any view.
 
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::boundary::{
@@ -64,7 +63,7 @@ pub unsafe extern "C" fn kmb_query_create(
         let out = unsafe { output(query, "query") }?;
         let made = kmb_query {
             broken: AtomicBool::new(false),
-            query: Query::new(Arc::clone(&repository.terrain), byte_limit),
+            query: Query::new(repository.terrain()?, byte_limit),
         };
         out.write(Box::into_raw(Box::new(made)));
         Ok(())
@@ -154,7 +153,8 @@ fn told(height: Option<Height>, x: f64, y: f64) -> Result<kmb_height, Failure> {
 
 /// Reads a rectangle of samples of one even level into an array that the caller owns: `height` rows
 /// of `width` samples from the top, sample values and not physical heights, NaN where there is a
-/// void. `capacity` is the count of doubles at `samples`, at least width * height. A level 2k has
+/// void; of colours red, green and blue of each sample follow each other. `capacity` is the count of
+/// doubles at `samples`, at least width * height, and three times that for colours. A level 2k has
 /// every 2^(K - k)-th column and row of the raster, where 2K is the finest level; `column` and
 /// `row` count those.
 ///
@@ -174,17 +174,18 @@ pub unsafe extern "C" fn kmb_read_window(
     capacity: usize,
 ) -> kmb_status {
     boundary!(shared repository: kmb_repository, {
-        let needed = u64::from(width) * u64::from(height);
+        let bands = u64::from(repository.layer.raster_info().bands);
+        let needed = (u64::from(width) * u64::from(height)).saturating_mul(bands);
         let count = usize::try_from(needed).ok().filter(|count| *count <= capacity);
         let count = count.ok_or_else(|| {
             Failure::argument(format!(
-                "{capacity} samples do not hold a window of {width} x {height}"
+                "{capacity} numbers do not hold a window of {width} x {height}"
             ))
         })?;
         // SAFETY: the caller passes pointers as the header asks.
         let samples = unsafe { output_array(samples, count, "samples") }?;
         let window = Window { column, row, width, height };
-        read_window(&repository.terrain, level, window, samples)?;
+        read_window(&repository.layer, level, window, samples)?;
         Ok(())
     })
 }

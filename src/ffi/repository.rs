@@ -8,9 +8,9 @@ use super::boundary::{
     Failure, Handle, SizedStruct, boundary, input_struct, output, output_struct, path, text,
 };
 use super::status::kmb_status;
-use crate::cut::Terrain;
+use crate::cut::{Layer, Terrain};
 use crate::geo::Frame;
-use crate::store::Access;
+use crate::store::{Access, Kind};
 
 /// What a repository holds.
 #[repr(C)]
@@ -145,6 +145,10 @@ pub struct kmb_repository_info {
     pub units: *const c_char,
     /// Count of metadata entries.
     pub metadata_count: u64,
+    /// Numbers of a sample: 1 for heights, 3 for colours (red, green, blue).
+    pub bands: u32,
+    /// 0.
+    pub reserved: u32,
 }
 
 // SAFETY: repr(C) with struct_size first, and integers only.
@@ -156,14 +160,26 @@ unsafe impl SizedStruct for kmb_repository_info {
     const NAME: &'static str = "kmb_repository_info";
 }
 
-/// An open repository of heights. Cuts and queries made from it share what they need of it, so that
-/// it may be closed before them.
+/// An open repository of heights or of colours. Cuts and queries made from it share what they need of
+/// it, so that it may be closed before them.
 pub struct kmb_repository {
     broken: AtomicBool,
-    pub(super) terrain: Arc<Terrain>,
+    pub(super) layer: Arc<Layer>,
     crs: CString,
     units: CString,
     metadata_keys: Vec<CString>,
+}
+
+impl kmb_repository {
+    /// The surface of a repository of heights.
+    pub(super) fn terrain(&self) -> Result<Arc<Terrain>, Failure> {
+        let not_heights =
+            || Failure::argument("the repository holds colours, and heights are needed");
+        match self.layer.header().kind {
+            Kind::Heights => Ok(Arc::new(Terrain::of(self.layer.clone())?)),
+            Kind::Colours | Kind::City => Err(not_heights()),
+        }
+    }
 }
 
 impl Handle for kmb_repository {
@@ -174,7 +190,7 @@ impl Handle for kmb_repository {
     }
 }
 
-/// Opens the repository of heights at `path` (bytes as the system has them; UTF-8 on Windows) and
+/// Opens the repository of heights or of colours at `path` (bytes as the system has them; UTF-8 on Windows) and
 /// gives a handle, which kmb_repository_close frees. `options` may be NULL: a memory map.
 ///
 /// Reads the header, the tables and the roots; blocks are read, and their checksums checked, when
@@ -196,14 +212,14 @@ pub unsafe extern "C" fn kmb_repository_open(
             // SAFETY: as above.
             access = chosen_access(unsafe { input_struct(options) }?.access)?;
         }
-        let terrain = Terrain::open(&path, access)?;
-        let info = &terrain.header().raster;
+        let layer = Layer::open(&path, access)?;
+        let info = &layer.header().raster;
         let opened = kmb_repository {
             broken: AtomicBool::new(false),
             crs: c_string(&info.crs),
             units: c_string(&info.units),
             metadata_keys: info.metadata.keys().map(|key| c_string(key)).collect(),
-            terrain: Arc::new(terrain),
+            layer: Arc::new(layer),
         };
         out.write(Box::into_raw(Box::new(opened)));
         Ok(())
@@ -255,7 +271,7 @@ pub unsafe extern "C" fn kmb_repository_describe(
 }
 
 fn described(repository: &kmb_repository) -> kmb_repository_info {
-    let header = repository.terrain.header();
+    let header = repository.layer.header();
     let raster = &header.raster;
     let frame = Frame::of(raster);
     kmb_repository_info {
@@ -268,7 +284,7 @@ fn described(repository: &kmb_repository) -> kmb_repository_info {
         diamonds: header.block_count,
         samples: header.samples,
         void_samples: header.void_samples,
-        bytes: repository.terrain.store().file_bytes(),
+        bytes: repository.layer.store().file_bytes(),
         max_error: header.max_error,
         max_error_bound: header.max_error_bound,
         rms_error: header.rms_error,
@@ -289,6 +305,8 @@ fn described(repository: &kmb_repository) -> kmb_repository_info {
         crs: repository.crs.as_ptr(),
         units: repository.units.as_ptr(),
         metadata_count: repository.metadata_keys.len() as u64,
+        bands: u32::from(raster.bands),
+        reserved: 0,
     }
 }
 
@@ -314,7 +332,7 @@ pub unsafe extern "C" fn kmb_repository_metadata_at(
             (output(key, "key")?, output(value, "value")?, output(length, "length")?)
         };
         let index = usize::try_from(index).unwrap_or(usize::MAX);
-        let entries = &repository.terrain.header().raster.metadata;
+        let entries = &repository.layer.header().raster.metadata;
         let (Some(name), Some(bytes)) =
             (repository.metadata_keys.get(index), entries.values().nth(index))
         else {
@@ -347,7 +365,7 @@ pub unsafe extern "C" fn kmb_repository_metadata(
         let (key, value, length) = unsafe {
             (text(key, "key")?, output(value, "value")?, output(length, "length")?)
         };
-        let Some(bytes) = repository.terrain.header().raster.metadata.get(key) else {
+        let Some(bytes) = repository.layer.header().raster.metadata.get(key) else {
             let message = format!("there is no metadata under the key {key:?}");
             return Err(Failure::new(kmb_status::KMB_NOT_FOUND, message));
         };
@@ -374,7 +392,7 @@ pub unsafe extern "C" fn kmb_world_to_crs(
     boundary!(shared repository: kmb_repository, {
         // SAFETY: the caller passes pointers as the header asks.
         let (out_x, out_y) = unsafe { (output(crs_x, "crs_x")?, output(crs_y, "crs_y")?) };
-        let raster = &repository.terrain.header().raster;
+        let raster = &repository.layer.header().raster;
         let [column, row] = Frame::of(raster).world_to_grid(x, y);
         let [x, y] = raster.sample_to_crs(column, row);
         out_x.write(x);
@@ -400,7 +418,7 @@ pub unsafe extern "C" fn kmb_crs_to_world(
     boundary!(shared repository: kmb_repository, {
         // SAFETY: the caller passes pointers as the header asks.
         let (out_x, out_y) = unsafe { (output(x, "x")?, output(y, "y")?) };
-        let raster = &repository.terrain.header().raster;
+        let raster = &repository.layer.header().raster;
         let Some([column, row]) = raster.crs_to_sample(crs_x, crs_y) else {
             let message = "the repository's geotransform has no inverse";
             return Err(Failure::new(kmb_status::KMB_OUTSIDE, message));

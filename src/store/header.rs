@@ -29,6 +29,7 @@ const GEOREFERENCED: u16 = 1;
 const GEOGRAPHIC: u16 = 2;
 const HAS_NODATA: u16 = 4;
 const LOSSLESS: u16 = 8;
+const HAS_ALPHA: u16 = 16;
 
 macro_rules! from_number {
     ($name:ident, $what:literal, $($variant:ident = $number:literal),+) => {
@@ -75,6 +76,16 @@ numbered! {
     /// The surface of a cube, blown up to a sphere.
     CubeSphere = 1
 }
+impl Kind {
+    /// Numbers of a sample.
+    fn bands(self) -> u8 {
+        match self {
+            Kind::Colours => 3,
+            Kind::Heights | Kind::City => 1,
+        }
+    }
+}
+
 from_number!(
     TransformKind,
     "transform",
@@ -111,9 +122,9 @@ pub struct Header {
     pub lossless: bool,
     /// Bytes that a block's length is a multiple of: 1, or 4 where blocks may exceed 65535 bytes.
     pub block_length_unit: u8,
-    /// The quantiser's bound e, in units.
+    /// The quantiser's bound e, in units; of colours what the bounds of the components follow from.
     pub bound_units: u32,
-    /// Least unit of the input; for [`TransformKind::Lifted`] of all decoded heights of all levels.
+    /// Least unit of the input, of colours of their luma; for [`TransformKind::Lifted`] of all decoded levels.
     pub unit_min: i32,
     /// Greatest unit of the same.
     pub unit_max: i32,
@@ -246,6 +257,7 @@ impl Header {
             | flag(self.raster.geographic, GEOGRAPHIC)
             | flag(self.raster.nodata.is_some(), HAS_NODATA)
             | flag(self.lossless, LOSSLESS)
+            | flag(self.raster.alpha, HAS_ALPHA)
     }
 
     pub(super) fn encode(&self, layout: &Layout) -> Vec<u8> {
@@ -372,6 +384,8 @@ pub(super) fn decode(bytes: &[u8]) -> std::result::Result<(Header, Layout), Stri
     raster.registration = registration;
     raster.georeferenced = flags & GEOREFERENCED != 0;
     raster.geographic = flags & GEOGRAPHIC != 0;
+    raster.alpha = flags & HAS_ALPHA != 0;
+    raster.bands = kind.bands();
     (raster.value_scale, raster.value_offset) = (fields.f64()?, fields.f64()?);
     for number in &mut raster.geotransform {
         *number = fields.f64()?;

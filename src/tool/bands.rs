@@ -1,14 +1,14 @@
 //! Rows of a window out of a repository, decoded a band at a time, so that memory stays bounded.
 
 use crate::Result;
-use crate::cut::{Terrain, Window, read_window};
+use crate::cut::{Layer, Window, read_window};
 
 /// Samples of a band: few enough for memory, so many that ancestors are seldom decoded again.
 const BAND_SAMPLES: u32 = 1 << 22;
 
 /// Rows of a window, read from the first to the last.
 pub(super) struct Bands<'a> {
-    terrain: &'a Terrain,
+    layer: &'a Layer,
     level: u32,
     window: Window,
     samples: Vec<f64>,
@@ -18,9 +18,9 @@ pub(super) struct Bands<'a> {
 
 impl<'a> Bands<'a> {
     /// The rows of `window`, in samples of the even level `level`.
-    pub(super) fn new(terrain: &'a Terrain, level: u32, window: Window) -> Bands<'a> {
+    pub(super) fn new(layer: &'a Layer, level: u32, window: Window) -> Bands<'a> {
         Bands {
-            terrain,
+            layer,
             level,
             window,
             samples: Vec::new(),
@@ -33,7 +33,7 @@ impl<'a> Bands<'a> {
         (BAND_SAMPLES / self.window.width).clamp(1, self.window.height)
     }
 
-    /// The samples of row `row`; NaN is a void.
+    /// The samples of row `row`, `[column * bands + band]`; NaN is a void.
     ///
     /// # Errors
     ///
@@ -42,18 +42,21 @@ impl<'a> Bands<'a> {
         if !self.rows.contains(&row) {
             self.rows = 0..0;
             let rows = self.band_rows().min(self.window.height - row);
-            let width = self.window.width;
             let band = Window {
                 row: self.window.row + row,
                 height: rows,
                 ..self.window
             };
             self.samples
-                .resize(width as usize * rows as usize, f64::NAN);
-            read_window(self.terrain, self.level, band, &mut self.samples)?;
+                .resize(self.row_length() * rows as usize, f64::NAN);
+            read_window(self.layer, self.level, band, &mut self.samples)?;
             self.rows = row..row + rows;
         }
-        let start = (row - self.rows.start) as usize * self.window.width as usize;
-        Ok(&self.samples[start..start + self.window.width as usize])
+        let start = (row - self.rows.start) as usize * self.row_length();
+        Ok(&self.samples[start..start + self.row_length()])
+    }
+
+    fn row_length(&self) -> usize {
+        self.window.width as usize * self.layer.components().count()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::random::Random;
 use crate::codec::{Matrix, Outline, child_vertices};
-use crate::cut::{DiamondSource, Terrain};
+use crate::cut::Layer;
 use crate::lattice::Diamond;
 use crate::{Error, Result};
 use std::collections::{HashMap, HashSet};
@@ -33,15 +33,15 @@ pub struct Speed {
 /// # Errors
 ///
 /// [`Error::Argument`] for a repository of a root alone; those of reading.
-pub fn bench(terrain: &Terrain) -> Result<Speed> {
-    if terrain.lattice().diamond_count() == 0 {
+pub fn bench(layer: &Layer) -> Result<Speed> {
+    if layer.lattice().diamond_count() == 0 {
         return Err(Error::Argument(
             "it holds nothing but its root: nothing to measure".into(),
         ));
     }
     let mut random = Random(1);
-    let decode_msamples_per_s = measure_decoding(terrain, &mut random)?;
-    let mut nanoseconds = measure_look_ups(terrain, &mut random)?;
+    let decode_msamples_per_s = measure_decoding(layer, &mut random)?;
+    let mut nanoseconds = measure_look_ups(layer, &mut random)?;
     nanoseconds.sort_by(f64::total_cmp);
     Ok(Speed {
         decode_msamples_per_s,
@@ -50,10 +50,10 @@ pub fn bench(terrain: &Terrain) -> Result<Speed> {
     })
 }
 
-fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
-    let lattice = terrain.lattice();
-    let chosen = choose(terrain, random);
-    let vertices = prepare_vertices(terrain, &chosen)?;
+fn measure_decoding(layer: &Layer, random: &mut Random) -> Result<f64> {
+    let lattice = layer.lattice();
+    let chosen = choose(layer, random);
+    let vertices = prepare_vertices(layer, &chosen)?;
     let prepared = || {
         chosen
             .iter()
@@ -61,13 +61,13 @@ fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
     };
     // The first pass verifies checksums and warms the file.
     for (diamond, vertices) in prepared() {
-        terrain.refine(diamond, vertices)?;
+        layer.refine(diamond, vertices)?;
     }
     let mut seconds = Vec::with_capacity(PASSES);
     for _ in 0..PASSES {
         let start = Instant::now();
         for (diamond, vertices) in prepared() {
-            black_box(terrain.refine(diamond, vertices)?);
+            black_box(layer.refine(diamond, vertices)?);
         }
         seconds.push(start.elapsed().as_secs_f64());
     }
@@ -78,8 +78,8 @@ fn measure_decoding(terrain: &Terrain, random: &mut Random) -> Result<f64> {
 }
 
 /// Diamonds of the finest level with blocks, without repetition, in random order.
-fn choose(terrain: &Terrain, random: &mut Random) -> Vec<Diamond> {
-    let lattice = terrain.lattice();
+fn choose(layer: &Layer, random: &mut Random) -> Vec<Diamond> {
+    let lattice = layer.lattice();
     let ranks = lattice.level_ranks(lattice.levels() - 1);
     let count = ranks.end - ranks.start;
     let wanted = count.min(DECODED as u64) as usize;
@@ -97,8 +97,8 @@ fn choose(terrain: &Terrain, random: &mut Random) -> Vec<Diamond> {
 }
 
 /// The vertex matrices of some diamonds of one level, by decoding their ancestors from the root down.
-fn prepare_vertices(terrain: &Terrain, chosen: &[Diamond]) -> Result<HashMap<Diamond, Matrix>> {
-    let lattice = terrain.lattice();
+fn prepare_vertices(layer: &Layer, chosen: &[Diamond]) -> Result<HashMap<Diamond, Matrix>> {
+    let lattice = layer.lattice();
     let mut generations: Vec<Vec<Diamond>> = vec![chosen.to_vec()];
     while let Some(finer) = generations
         .last()
@@ -112,11 +112,11 @@ fn prepare_vertices(terrain: &Terrain, chosen: &[Diamond]) -> Result<HashMap<Dia
         generations.push(parents.into_iter().collect());
     }
     generations.pop();
-    let mut known = HashMap::from([(lattice.root(), terrain.root().clone())]);
+    let mut known = HashMap::from([(lattice.root(), layer.root().clone())]);
     while let Some(generation) = generations.pop() {
         let mut refined = HashMap::with_capacity(known.len());
         for (diamond, vertices) in known {
-            let next = terrain.refine(diamond, &vertices)?;
+            let next = layer.refine(diamond, &vertices)?;
             refined.insert(diamond, next.into_matrices(vertices));
         }
         let gather = |&diamond: &Diamond| {
@@ -131,8 +131,8 @@ fn prepare_vertices(terrain: &Terrain, chosen: &[Diamond]) -> Result<HashMap<Dia
     Ok(known)
 }
 
-fn measure_look_ups(terrain: &Terrain, random: &mut Random) -> Result<Vec<f64>> {
-    let (store, count) = (terrain.store(), terrain.lattice().diamond_count());
+fn measure_look_ups(layer: &Layer, random: &mut Random) -> Result<Vec<f64>> {
+    let (store, count) = (layer.store(), layer.lattice().diamond_count());
     let mut scratch = Vec::new();
     let ranks: Vec<u64> = (0..LOOKED_UP).map(|_| random.below(count)).collect();
     for &rank in &ranks {

@@ -3,7 +3,7 @@
 use super::Progress;
 use super::bands::Bands;
 use super::raster_file::write_geotiff;
-use crate::cut::{DiamondSource, Terrain, Window, level_size, level_step};
+use crate::cut::{Layer, Window, level_size, level_step};
 use crate::geo::RasterInfo;
 use crate::{Error, Result};
 use std::ops::Range;
@@ -33,7 +33,8 @@ pub struct Extracted {
     pub level: u32,
 }
 
-/// Writes the samples of a level as a GeoTIFF with the input's type, georeference and void value.
+/// Writes the samples of a level as a GeoTIFF with the input's type, georeference and void value; colours as
+/// red, green and blue.
 ///
 /// # Errors
 ///
@@ -41,18 +42,18 @@ pub struct Extracted {
 /// integers for which the input had no value; those of reading and of writing;
 /// [`Error::Cancelled`]. Nothing is left under the output's name then.
 pub fn extract(
-    terrain: &Terrain,
+    layer: &Layer,
     output: &Path,
     what: &Extract,
     progress: Progress,
 ) -> Result<Extracted> {
-    let level = what.level.unwrap_or(terrain.lattice().levels());
-    let stride = level_step(terrain, level)?;
-    let raster = terrain.raster_info();
+    let level = what.level.unwrap_or(layer.lattice().levels());
+    let stride = level_step(layer, level)?;
+    let raster = layer.raster_info();
     let window = match what.corners {
         Some(corners) => window_of(raster, stride, corners)?,
         None => {
-            let [width, height] = level_size(terrain, level)?;
+            let [width, height] = level_size(layer, level)?;
             Window {
                 column: 0,
                 row: 0,
@@ -63,9 +64,9 @@ pub fn extract(
     };
     let first = [window.column, window.row].map(|first| f64::from(first) * f64::from(stride));
     let info = raster.on_grid(first, f64::from(stride), [window.width, window.height]);
-    let mut bands = Bands::new(terrain, level, window);
+    let mut bands = Bands::new(layer, level, window);
     write_geotiff(output, &info, |first_row, samples| {
-        for (row, line) in (first_row..).zip(samples.chunks_exact_mut(info.width as usize)) {
+        for (row, line) in (first_row..).zip(samples.chunks_exact_mut(info.row_length())) {
             if !progress(u64::from(row), u64::from(info.height)) {
                 return Err(Error::Cancelled);
             }
@@ -114,14 +115,16 @@ fn window_of(raster: &RasterInfo, stride: u32, [x0, y0, x1, y1]: [f64; 4]) -> Re
 }
 
 fn check_voids(info: &RasterInfo, row: u32, samples: &[f64]) -> Result<()> {
-    if info.nodata.is_some() || !info.sample_type.is_integer() {
+    if info.nodata.is_some() || info.alpha || !info.sample_type.is_integer() {
         return Ok(());
     }
-    match samples.iter().position(|sample| sample.is_nan()) {
+    let bands = usize::from(info.bands);
+    match samples.iter().position(|number| number.is_nan()) {
         None => Ok(()),
-        Some(column) => Err(Error::Argument(format!(
-            "the sample at column {column}, row {row} is void, and its {} samples have no value for \
+        Some(place) => Err(Error::Argument(format!(
+            "the sample at column {}, row {row} is void, and its {} samples have no value for \
              that: build it with --nodata V",
+            place / bands,
             info.sample_type.name()
         ))),
     }

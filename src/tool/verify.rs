@@ -3,7 +3,7 @@
 use super::Progress;
 use super::bands::Bands;
 use crate::build::source::RasterSource;
-use crate::cut::{DiamondSource, Terrain, Window};
+use crate::cut::{Layer, Window};
 use crate::store::Damage;
 use crate::{Error, Result};
 
@@ -39,7 +39,7 @@ pub struct DamagedBlocks {
 pub struct Comparison {
     /// Largest |decoded - input| over all samples that are valid in both, in sample units.
     pub max_error: f64,
-    /// Root of the mean square of the same.
+    /// Root of the mean square of the same; of colours over red, green and blue.
     pub rms_error: f64,
     /// Samples that are void in one and valid in the other.
     pub void_mismatches: u64,
@@ -52,21 +52,21 @@ pub struct Comparison {
 /// Those of reading the input; [`Error::Argument`] where its shape is not the repository's;
 /// [`Error::Cancelled`]. Damage is no error.
 pub fn verify(
-    terrain: &Terrain,
+    layer: &Layer,
     mut against: Option<&mut dyn RasterSource>,
     progress: Progress,
 ) -> Result<Verdict> {
     if let Some(source) = &against {
-        check_shape(terrain, &**source)?;
+        check_shape(layer, &**source)?;
     }
-    let mut damage = broken_checksums(terrain);
+    let mut damage = broken_checksums(layer);
     let mut sums = Sums::default();
     if damage.is_empty() {
-        damage = decode_all(terrain, &mut against, &mut sums, progress)?;
+        damage = decode_all(layer, &mut against, &mut sums, progress)?;
     }
     let comparison = (against.is_some() && damage.is_empty()).then(|| sums.comparison());
     let kept = comparison.is_none_or(|found| {
-        found.max_error <= terrain.header().max_error_bound && found.void_mismatches == 0
+        found.max_error <= layer.header().max_error_bound && found.void_mismatches == 0
     });
     Ok(Verdict {
         ok: damage.is_empty() && kept,
@@ -75,8 +75,8 @@ pub fn verify(
     })
 }
 
-fn check_shape(terrain: &Terrain, source: &dyn RasterSource) -> Result<()> {
-    let (stored, given) = (&terrain.header().raster, source.info());
+fn check_shape(layer: &Layer, source: &dyn RasterSource) -> Result<()> {
+    let (stored, given) = (&layer.header().raster, source.info());
     if stored.bands != given.bands {
         return Err(Error::Argument(format!(
             "its samples have {} bands, those of the input to compare with {}",
@@ -92,9 +92,9 @@ fn check_shape(terrain: &Terrain, source: &dyn RasterSource) -> Result<()> {
     )))
 }
 
-fn broken_checksums(terrain: &Terrain) -> Vec<DamagedBlocks> {
-    let lattice = terrain.lattice();
-    let found = terrain.store().verify();
+fn broken_checksums(layer: &Layer) -> Vec<DamagedBlocks> {
+    let lattice = layer.lattice();
+    let found = layer.store().verify();
     let describe = |damage: &Damage| {
         let (first, last) = (lattice.diamond(damage.first), lattice.diamond(damage.last));
         let diamonds = match damage.last - damage.first {
@@ -120,21 +120,22 @@ fn broken_checksums(terrain: &Terrain) -> Vec<DamagedBlocks> {
 
 /// Decodes the whole leaf level; what fails is returned, each block once.
 fn decode_all(
-    terrain: &Terrain,
+    layer: &Layer,
     against: &mut Option<&mut dyn RasterSource>,
     sums: &mut Sums,
     progress: Progress,
 ) -> Result<Vec<DamagedBlocks>> {
-    let raster = &terrain.header().raster;
+    let raster = &layer.header().raster;
     let window = Window {
         column: 0,
         row: 0,
         width: raster.width,
         height: raster.height,
     };
-    let mut bands = Bands::new(terrain, terrain.lattice().levels(), window);
+    let mut bands = Bands::new(layer, layer.lattice().levels(), window);
     let mut damage: Vec<DamagedBlocks> = Vec::new();
-    let mut input = vec![f64::NAN; raster.width as usize];
+    let bands_each = usize::from(raster.bands);
+    let mut input = vec![f64::NAN; raster.row_length()];
     let mut row = 0;
     while row < raster.height {
         if !progress(u64::from(row), u64::from(raster.height)) {
@@ -157,7 +158,7 @@ fn decode_all(
             };
             if let Some(source) = against.as_mut().filter(|_| damage.is_empty()) {
                 source.read_rows(&mut input)?;
-                sums.add(decoded, &input);
+                sums.add(decoded, &input, bands_each);
             }
         }
         row = end;
@@ -169,20 +170,27 @@ fn decode_all(
 struct Sums {
     max_error: f64,
     squares: f64,
+    /// Numbers that are valid in both.
     valid: u64,
     void_mismatches: u64,
 }
 
 impl Sums {
-    fn add(&mut self, decoded: &[f64], input: &[f64]) {
-        for (decoded, input) in decoded.iter().zip(input) {
-            if decoded.is_nan() != input.is_nan() {
+    /// Adds a row of samples of so many numbers each.
+    fn add(&mut self, decoded: &[f64], input: &[f64], bands: usize) {
+        let samples = decoded.chunks_exact(bands);
+        for (decoded, input) in samples.zip(input.chunks_exact(bands)) {
+            if decoded[0].is_nan() != input[0].is_nan() {
                 self.void_mismatches += 1;
-            } else if !input.is_nan() {
-                let error = (decoded - input).abs();
-                self.max_error = self.max_error.max(error);
-                self.squares += error * error;
-                self.valid += 1;
+                continue;
+            }
+            for (decoded, input) in decoded.iter().zip(input) {
+                if !input.is_nan() {
+                    let error = (decoded - input).abs();
+                    self.max_error = self.max_error.max(error);
+                    self.squares += error * error;
+                    self.valid += 1;
+                }
             }
         }
     }

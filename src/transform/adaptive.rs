@@ -14,6 +14,8 @@ use crate::vectors::widened;
 pub const FEATURES: usize = 16;
 /// Numbers that an activity is a weighted sum of.
 pub const ACTIVITIES: usize = 12;
+/// Components before that tell of one.
+pub const COMPANIONS: usize = 2;
 /// Bits after the binary point of a prediction's weight.
 pub const WEIGHT_BITS: u32 = 10;
 /// Classes of activity, each with weights of its own: one an octave.
@@ -30,6 +32,8 @@ pub struct Weights {
     pub activity: [[i16; 2]; ACTIVITIES / 2],
     /// Quarter octaves of activity below which the context is 0.
     pub first_context: i32,
+    /// For each component before by how much its residual moves the prediction in each class, in 2^-10.
+    pub companions: [[i16; CLASSES]; COMPANIONS],
 }
 
 impl Weights {
@@ -43,6 +47,7 @@ impl Weights {
             prediction,
             activity,
             first_context: 40,
+            companions: [[0; CLASSES]; COMPANIONS],
         }
     }
 
@@ -169,6 +174,16 @@ impl Sight {
             sum + i64::from(part) * i64::from(weight)
         });
         T::wrap(activity).clamp(0, i64::from(i32::MAX)) as i32
+    }
+
+    /// How much higher than by order 2 the prediction of a class is, in quarters times 2^10.
+    #[inline(always)]
+    fn correction(&self, weights: &Weights, class: usize) -> i64 {
+        let features = self.features.chunks_exact(2).zip(&weights.prediction);
+        features.fold(0, |total, (pair, weights)| {
+            let [one, other] = weights[class].map(i64::from);
+            total + i64::from(pair[0]) * one + i64::from(pair[1]) * other
+        })
     }
 }
 
@@ -388,6 +403,8 @@ pub struct Outlook {
     pub contexts: Vec<u8>,
     /// Predicted heights, not yet clamped to any range.
     pub predictions: Vec<i32>,
+    /// What rounding took from each prediction that was made finely, in units times 2^10: -512 to 511.
+    pub fractions: Vec<i32>,
 }
 
 impl Outlook {
@@ -395,6 +412,7 @@ impl Outlook {
     pub fn fit(&mut self, cells: usize) {
         self.contexts.resize(cells, 0);
         self.predictions.resize(cells, 0);
+        self.fractions.resize(cells, 0);
     }
 }
 
@@ -403,6 +421,10 @@ impl Outlook {
 pub trait Surroundings {
     /// Contexts and predictions of the row at hand.
     fn foresee(&mut self, weights: &Weights, outlook: &mut Outlook);
+
+    /// Contexts and predictions of the row at hand, with what rounding takes from these; with `details` not of
+    /// the centres, but of how much higher they are than the mean of the 4 nearest vertices.
+    fn foresee_finely(&mut self, weights: &Weights, details: bool, outlook: &mut Outlook);
 
     /// Contexts of the row at hand, for coefficients whose predictions are made elsewhere.
     fn foresee_contexts(&mut self, weights: &Weights, outlook: &mut Outlook);
@@ -458,16 +480,32 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
         for i in 0..self.cells {
             let sight = self.look(i);
             let context = weights.context(sight.activity::<T>(weights));
-            let class = Weights::class(context);
             let start = (i64::from(sight.order_two) << WEIGHT_BITS) + (1 << (WEIGHT_BITS + 1));
-            let features = sight.features.chunks_exact(2).zip(&weights.prediction);
-            let total = features.fold(start, |total, (pair, weights)| {
-                let [one, other] = weights[class].map(i64::from);
-                total + i64::from(pair[0]) * one + i64::from(pair[1]) * other
-            });
+            let total = start + sight.correction(weights, Weights::class(context));
             let offset = T::wrap(total) >> (WEIGHT_BITS + 2) << self.shift;
             outlook.contexts[i] = context as u8;
             outlook.predictions[i] = (i64::from(self.base) + offset) as i32;
+            self.expected[i] = T::narrow(saturate::<T>(sight.order_two + sight.order_four));
+        }
+    }
+
+    fn foresee_finely(&mut self, weights: &Weights, details: bool, outlook: &mut Outlook) {
+        for i in 0..self.cells {
+            let sight = self.look(i);
+            let context = weights.context(sight.activity::<T>(weights));
+            let correction = sight.correction(weights, Weights::class(context));
+            let (from, base) = match details {
+                true => (0, 0),
+                false => (i64::from(sight.order_two) << WEIGHT_BITS, self.base),
+            };
+            let fine = (T::wrap(from + correction) << self.shift) >> 2;
+            let half = 1 << (WEIGHT_BITS - 1);
+            let offset = (fine + half) >> WEIGHT_BITS;
+            let prediction = i64::from(base) + offset;
+            outlook.contexts[i] = context as u8;
+            outlook.predictions[i] =
+                prediction.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
+            outlook.fractions[i] = (fine - (offset << WEIGHT_BITS)) as i32;
             self.expected[i] = T::narrow(saturate::<T>(sight.order_two + sight.order_four));
         }
     }

@@ -12,7 +12,7 @@ use std::path::Path;
 pub struct Method {
     pub transform: TransformKind,
     pub entropy: EntropyKind,
-    /// Trained prediction, which only interpolating with rans has.
+    /// Trained prediction, which goes with rans.
     pub adaptive: bool,
 }
 
@@ -24,13 +24,15 @@ const fn method(transform: TransformKind, entropy: EntropyKind, adaptive: bool) 
     }
 }
 
-pub const METHODS: [Method; 7] = [
+pub const METHODS: [Method; 9] = [
     method(TransformKind::Interpolating, EntropyKind::Rans, true),
     method(TransformKind::Interpolating, EntropyKind::Rans, false),
     method(TransformKind::Interpolating, EntropyKind::Gamma, false),
     method(TransformKind::Lifted, EntropyKind::Rans, false),
+    method(TransformKind::Lifted, EntropyKind::Rans, true),
     method(TransformKind::Lifted, EntropyKind::Gamma, false),
     method(TransformKind::TwoStage, EntropyKind::Rans, false),
+    method(TransformKind::TwoStage, EntropyKind::Rans, true),
     method(TransformKind::TwoStage, EntropyKind::Gamma, false),
 ];
 
@@ -42,7 +44,7 @@ impl Method {
         BuildOptions {
             transform: self.transform,
             entropy: self.entropy,
-            adaptive: self.adaptive,
+            adaptive: Some(self.adaptive),
             max_error: if is_rms { 0.0 } else { error },
             rms_error: is_rms.then_some(error),
             cells_log2,

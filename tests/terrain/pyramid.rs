@@ -71,7 +71,7 @@ impl Pyramid {
     pub fn errors(&self, bound: i32) -> Vec<i64> {
         let cells = self.lattice.cells();
         let transform = self.kind.transform(cells, bound, self.range);
-        let codec = BlockCodec::new(cells, false, transform);
+        let codec = BlockCodec::new(cells, false, vec![transform]);
         self.descend(|inputs| {
             let refine =
                 |input: &Input| codec.preview(&input.own, &input.outline, input.target, None);
@@ -87,7 +87,7 @@ impl Pyramid {
             let transform = self.kind.transform(cells, bound, self.range);
             let quantiser = Quantiser::new(bound, low, high);
             let symbols = SymbolCoder::new(cells, quantiser, adaptive, true);
-            BlockCodec::new(cells, false, transform).with_symbols(symbols)
+            BlockCodec::new(cells, false, vec![transform]).with_symbols(vec![symbols])
         };
         let levels = self.lattice.levels();
         self.descend(|inputs| {
@@ -100,7 +100,7 @@ impl Pyramid {
             let drafts: Vec<(Draft, Refined)> = inputs.iter().map(draft).collect();
             let model = model_of(&drafts, weights.clone());
             let decoder =
-                codec().with_model(Model::new(adaptive, None, vec![(model.clone(), levels)]));
+                codec().with_model(Model::new(adaptive, None, 1, vec![(model.clone(), levels)]));
             let decode = |(input, (draft, promised)): (&Input, &(Draft, Refined))| {
                 let block = encoder.finish(draft, Some(&model));
                 let refined = decoder.decode(&input.own, &input.outline, &block).unwrap();

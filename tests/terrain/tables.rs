@@ -111,14 +111,13 @@ fn tables_of_another_shape_or_transform_are_refused() {
         assert!(!path.exists());
     };
     let methods: Vec<Method> = in_contexts().collect();
-    let [adaptive, fixed, lifted, two_stage] = methods[..] else {
-        panic!("four methods have tables")
+    let [adaptive, fixed, lifted, _, two_stage, _] = methods[..] else {
+        panic!("six methods have tables")
     };
     for method in in_contexts() {
         refused(method, &large, method, "of 8 levels, and this raster has 4");
     }
     let pairs = [
-        (adaptive, lifted),
         (adaptive, two_stage),
         (fixed, two_stage),
         (two_stage, adaptive),
@@ -140,7 +139,7 @@ fn bytes_of(name: &str, max_error: f64) -> [u64; 2] {
         let mut source = open(&input, &SourceOptions::default()).unwrap();
         let options = BuildOptions {
             max_error,
-            adaptive,
+            adaptive: Some(adaptive),
             ..BuildOptions::default()
         };
         let report = build(source.as_mut(), &options, &output, &mut |_, _| true).unwrap();
@@ -282,9 +281,9 @@ proptest! {
         matrices in 0usize..3,
     ) {
         let bytes = [vec![0; zeros], bytes].concat();
-        if let Some(model) = Model::from_bytes(&bytes, levels, matrices) {
+        if let Some(model) = Model::from_bytes(&bytes, levels, matrices, 1) {
             prop_assert_eq!(model.levels(), levels);
-            let again = Model::from_bytes(&model.to_bytes(), levels, matrices);
+            let again = Model::from_bytes(&model.to_bytes(), levels, matrices, 1);
             prop_assert!(again.is_some());
         }
     }

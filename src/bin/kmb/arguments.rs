@@ -28,6 +28,9 @@ pub enum Command {
         /// The rasters that it was built from
         #[arg(long, num_args = 1.., value_name = "IN")]
         against: Vec<PathBuf>,
+        /// The repository of heights onto which it was resampled
+        #[arg(long, value_name = "H.kmb", requires = "against")]
+        domain_of: Option<PathBuf>,
         #[command(flatten)]
         source: Source,
     },
@@ -59,13 +62,14 @@ impl Command {
 
 #[derive(Args)]
 pub struct Build {
-    /// GeoTIFF, 16-bit PNG, SRTM .hgt, ESRI ASCII grid, .bil with .hdr, or --raw; several make a mosaic
+    /// GeoTIFF, 16-bit PNG, SRTM .hgt, ESRI ASCII grid, .bil with .hdr, or --raw; with --colour RGB GeoTIFF, PNG
+    /// or JPEG; several make a mosaic
     #[arg(required = true, value_name = "IN")]
     pub inputs: Vec<PathBuf>,
     /// The repository to write
     #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
-    /// Largest error of any sample, in the raster's own units; 0 is lossless
+    /// Largest error of any sample, in the raster's own units, of red, green and blue each; 0 is lossless
     #[arg(
         long,
         value_name = "E",
@@ -75,18 +79,20 @@ pub struct Build {
         conflicts_with = "rms"
     )]
     pub max_error: Option<f64>,
-    /// Instead, with --transform lifted: largest root mean square error, in the raster's own units
+    /// Instead, with --transform lifted: largest root mean square error, in the raster's own units, over red,
+    /// green and blue
     #[arg(long, value_name = "R", value_parser = error_limit, allow_hyphen_values = true)]
     pub rms: Option<f64>,
-    /// How samples become coefficients
-    #[arg(long, value_enum, default_value = "interpolating")]
-    pub transform: Transform,
+    /// How samples become coefficients: interpolating by default, but lifted for colours that are lossless or
+    /// have an RMS error
+    #[arg(long, value_enum)]
+    pub transform: Option<Transform>,
     /// How coefficients become bits
     #[arg(long, value_enum, default_value = "rans")]
     pub entropy: Entropy,
-    /// How centres are predicted, with --transform interpolating and --entropy rans
-    #[arg(long, value_enum, default_value = "adaptive")]
-    pub prediction: Prediction,
+    /// How coefficients are predicted, with --entropy rans; adaptive by default for interpolating and for colours
+    #[arg(long, value_enum)]
+    pub prediction: Option<Prediction>,
     /// A repository whose weights and tables to use instead of training new ones
     #[arg(long, value_name = "F.kmb")]
     pub tables_from: Option<PathBuf>,
@@ -96,8 +102,24 @@ pub struct Build {
     /// Number of threads; 0 uses all processors
     #[arg(long, default_value_t = 0)]
     pub threads: usize,
+    /// The input has colours, not heights
+    #[arg(long)]
+    pub colour: bool,
+    /// With --colour: a repository of heights, onto whose samples and between them the image is resampled
+    #[arg(long, value_name = "H.kmb", requires = "colour")]
+    pub domain_of: Option<PathBuf>,
     #[command(flatten)]
     pub source: Source,
+}
+
+impl Build {
+    pub fn transform(&self) -> Transform {
+        let is_lifted = self.colour && self.max_error.is_none_or(|max_error| max_error == 0.0);
+        self.transform.unwrap_or(match is_lifted {
+            true => Transform::Lifted,
+            false => Transform::Interpolating,
+        })
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -159,13 +181,14 @@ pub struct Source {
 }
 
 impl Source {
-    pub fn options(&self) -> SourceOptions {
+    /// What is said of heights, or of colours.
+    pub fn options(&self, colour: bool) -> SourceOptions {
         let bounds = match self.bounds.as_deref() {
             Some(&[x0, y0, x1, y1]) => Some([x0, y0, x1, y1]),
             _ => None,
         };
         SourceOptions {
-            colour: false,
+            colour,
             spacing: self.spacing,
             bounds,
             scale: self.scale,

@@ -3,10 +3,10 @@
 use crate::arguments::{self, Command};
 use crate::progress::Progress;
 use crate::report::Report;
-use kimberlite::build::source::open_all;
+use kimberlite::build::source::{RasterSource, Resampled, open_all, texels_per_sample};
 use kimberlite::build::{self, BuildOptions};
 use kimberlite::codec::Model;
-use kimberlite::cut::{DiamondSource, Query, Terrain};
+use kimberlite::cut::{Layer, Query, Terrain};
 use kimberlite::geo::Registration;
 use kimberlite::store::{Access, DomainKind, EntropyKind, Kind, TransformKind};
 use kimberlite::tool::{self, Extract, Flight, Verdict, peak_memory_bytes};
@@ -42,8 +42,9 @@ pub fn run(command: &Command) -> Result<Outcome> {
         Command::Verify {
             file,
             against,
+            domain_of,
             source,
-        } => verify(file, against, source),
+        } => verify(file, against, domain_of.as_deref(), source),
         Command::Extract(arguments) => extract(arguments).map(Outcome::from),
         Command::Fly(arguments) => fly(arguments).map(Outcome::from),
         Command::Bench { file } => bench(file).map(Outcome::from),
@@ -51,8 +52,12 @@ pub fn run(command: &Command) -> Result<Outcome> {
     }
 }
 
-fn open(file: &Path) -> Result<Terrain> {
-    Terrain::open(file, Access::Map)
+fn open(file: &Path) -> Result<Layer> {
+    Layer::open(file, Access::Map)
+}
+
+fn open_heights(file: &Path) -> Result<Arc<Terrain>> {
+    Terrain::open(file, Access::Map).map(Arc::new)
 }
 
 fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
@@ -61,29 +66,40 @@ fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
 
 fn build(arguments: &arguments::Build) -> Result<Report> {
     let start = Instant::now();
+    let transform = match arguments.transform() {
+        arguments::Transform::Interpolating => TransformKind::Interpolating,
+        arguments::Transform::Lifted => TransformKind::Lifted,
+        arguments::Transform::TwoStage => TransformKind::TwoStage,
+    };
     let options = BuildOptions {
-        transform: match arguments.transform {
-            arguments::Transform::Interpolating => TransformKind::Interpolating,
-            arguments::Transform::Lifted => TransformKind::Lifted,
-            arguments::Transform::TwoStage => TransformKind::TwoStage,
-        },
+        transform,
         max_error: arguments.max_error.unwrap_or(0.0),
         rms_error: arguments.rms,
         entropy: match arguments.entropy {
             arguments::Entropy::Gamma => EntropyKind::Gamma,
             arguments::Entropy::Rans => EntropyKind::Rans,
         },
-        adaptive: matches!(arguments.prediction, arguments::Prediction::Adaptive),
+        adaptive: arguments
+            .prediction
+            .map(|rule| matches!(rule, arguments::Prediction::Adaptive)),
         tables: arguments
             .tables_from
             .as_deref()
-            .map(tables_of)
+            .map(|file| tables_of(file, transform))
             .transpose()?,
         cells_log2: arguments.cells as u32,
         threads: arguments.threads,
     };
     let output = &arguments.output;
-    let mut source = open_all(&arguments.inputs, &arguments.source.options())?;
+    let options_of_source = arguments.source.options(arguments.colour);
+    let source = open_all(&arguments.inputs, &options_of_source)?;
+    let (mut source, texels) = match &arguments.domain_of {
+        Some(heights) => {
+            let (resampled, texels) = resample(&arguments.inputs, source, heights)?;
+            (resampled, Some(texels))
+        }
+        None => (source, None),
+    };
     let progress = start_progress("building", output)?;
     let mut step = |done, total| progress.step(done, total);
     let built = build::build(source.as_mut(), &options, output, &mut step)?;
@@ -96,20 +112,39 @@ fn build(arguments: &arguments::Build) -> Result<Report> {
         )
         .with("max_error", built.max_error)
         .with("rms_error", built.rms_error)
+        .with("texels_per_sample", texels)
         .with("seconds", start.elapsed().as_secs_f64())
         .with("peak_memory_bytes", peak_memory_bytes()))
 }
 
+/// An image on the samples of a repository of heights and between them, and how many texels lie from one
+/// sample to the next.
+fn resample(
+    inputs: &[PathBuf],
+    image: Box<dyn RasterSource>,
+    heights: &Path,
+) -> Result<(Box<dyn RasterSource>, u32)> {
+    let name = inputs.first().map(PathBuf::as_path).unwrap_or(heights);
+    let heights = open_heights(heights)?;
+    let texels = texels_per_sample(image.info(), heights.raster_info());
+    let resampled = Resampled::new(name, image, heights.raster_info(), texels)?;
+    Ok((Box::new(resampled), texels))
+}
+
 /// What another repository was coded by.
-fn tables_of(file: &Path) -> Result<Model> {
-    let terrain = open(file)?;
+fn tables_of(file: &Path, transform: TransformKind) -> Result<Model> {
+    let layer = open(file)?;
+    if layer.header().transform != transform {
+        let message = "its tables are those of another transform";
+        return Err(Error::input(file, message.to_owned()));
+    }
     let none = || {
         Error::input(
             file,
             String::from("it has no tables: it was built with --entropy gamma"),
         )
     };
-    terrain.model().cloned().ok_or_else(none)
+    layer.model().cloned().ok_or_else(none)
 }
 
 /// Bits of the file for every valid sample; `None` where there is none.
@@ -119,8 +154,8 @@ fn bits_per_sample(bytes: u64, samples: u64, void_samples: u64) -> Option<f64> {
 }
 
 fn info(file: &Path) -> Result<Report> {
-    let terrain = open(file)?;
-    let (header, store) = (terrain.header(), terrain.store());
+    let layer = open(file)?;
+    let (header, store) = (layer.header(), layer.store());
     let raster = &header.raster;
     let bytes = store.file_bytes();
     let metadata: Map<String, Value> = raster
@@ -155,7 +190,7 @@ fn info(file: &Path) -> Result<Report> {
         .with("domain", domain)
         .with("transform", transform)
         .with("entropy", entropy)
-        .with("cells", terrain.lattice().cells())
+        .with("cells", layer.lattice().cells())
         .with("levels", header.levels)
         .with("diamonds", header.block_count)
         .with("samples", header.samples)
@@ -198,8 +233,13 @@ fn readable(bytes: &[u8]) -> String {
     }
 }
 
-fn verify(file: &Path, against: &[PathBuf], source: &arguments::Source) -> Result<Outcome> {
-    let terrain = match open(file) {
+fn verify(
+    file: &Path,
+    against: &[PathBuf],
+    domain_of: Option<&Path>,
+    source: &arguments::Source,
+) -> Result<Outcome> {
+    let layer = match open(file) {
         // Without a sound header there is no saying how many blocks there are.
         Err(Error::Damaged { message, .. }) => {
             let report = Report::default()
@@ -215,13 +255,20 @@ fn verify(file: &Path, against: &[PathBuf], source: &arguments::Source) -> Resul
     };
     let mut source = match against {
         [] => None,
-        inputs => Some(open_all(inputs, &source.options())?),
+        inputs => {
+            let colour = layer.header().kind == Kind::Colours;
+            let input = open_all(inputs, &source.options(colour))?;
+            Some(match domain_of {
+                Some(heights) => resample(against, input, heights)?.0,
+                None => input,
+            })
+        }
     };
     let progress = start_progress("verifying", file)?;
     let mut step = |done, total| progress.step(done, total);
     // The closure shortens the lifetime of the trait object inside the box.
     let against = source.as_mut().map(|source| source.as_mut() as _);
-    let verdict = tool::verify(&terrain, against, &mut step)?;
+    let verdict = tool::verify(&layer, against, &mut step)?;
     let damage: Vec<&str> = verdict
         .damage
         .iter()
@@ -238,7 +285,7 @@ fn verify(file: &Path, against: &[PathBuf], source: &arguments::Source) -> Resul
             .with("rms_error", found.map(|found| found.rms_error))
             .with("void_mismatches", found.map(|found| found.void_mismatches));
     }
-    let failure = failure(&verdict, terrain.header().max_error_bound);
+    let failure = failure(&verdict, layer.header().max_error_bound);
     Ok(Outcome { report, failure })
 }
 
@@ -272,10 +319,10 @@ fn extract(arguments: &arguments::Extract) -> Result<Report> {
         level: arguments.level,
         corners,
     };
-    let terrain = open(&arguments.file)?;
+    let layer = open(&arguments.file)?;
     let progress = start_progress("extracting", &arguments.file)?;
     let mut step = |done, total| progress.step(done, total);
-    let extracted = tool::extract(&terrain, &arguments.output, &what, &mut step)?;
+    let extracted = tool::extract(&layer, &arguments.output, &what, &mut step)?;
     Ok(Report::default()
         .with("width", extracted.width)
         .with("height", extracted.height)
@@ -289,7 +336,7 @@ fn fly(arguments: &arguments::Fly) -> Result<Report> {
         tolerance: arguments.tolerance,
         budget_microseconds: arguments.budget_us,
     };
-    let terrain = Arc::new(open(&arguments.file)?);
+    let terrain = open_heights(&arguments.file)?;
     let progress = start_progress("flying", &arguments.file)?;
     let mut step = |done, total| progress.step(done, total);
     let flown = tool::fly(&terrain, &flight, &mut step)?;
@@ -317,7 +364,7 @@ fn bench(file: &Path) -> Result<Report> {
 }
 
 fn height(file: &Path, x: f64, y: f64) -> Result<Report> {
-    let terrain = Arc::new(open(file)?);
+    let terrain = open_heights(file)?;
     let mut query = Query::new(terrain.clone(), QUERY_BYTES);
     let Some(found) = query.height_at_crs(x, y)? else {
         let raster = &terrain.header().raster;
