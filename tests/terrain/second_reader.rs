@@ -35,9 +35,9 @@ fn a_reader_written_after_the_format_page_decodes_the_same_samples() {
         |c: u32, r: u32| (c / 9 + r / 7).is_multiple_of(5) || (c * 13 + r * 7).is_multiple_of(31);
     let with_voids = |c, r| if blob(c, r) { f64::NAN } else { height(c, r) };
     let cases = [
-        (raster(75, 66, SampleType::I16, with_voids), 0.0, 4),
-        (raster(90, 65, SampleType::I16, height), 3.0, 5),
-        (raster(129, 70, SampleType::I16, height), 0.0, 6),
+        (raster(61, 50, SampleType::I16, with_voids), 0.0, 4),
+        (raster(70, 40, SampleType::I16, height), 3.0, 4),
+        (raster(129, 66, SampleType::I16, height), 0.0, 6),
         (
             raster(40, 131, SampleType::I32, |c, r| 1e6 * height(c, r)),
             0.0,
@@ -64,8 +64,14 @@ fn a_reader_written_after_the_format_page_decodes_the_same_samples() {
     let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reader/reader.py");
     let folder = tempfile::tempdir().unwrap();
     let (repository, output) = (folder.path().join("a.kmb"), folder.path().join("a.f64"));
-    for (raster, error, cells_log2) in cases {
-        for method in METHODS {
+    for (place, (raster, error, cells_log2)) in cases.into_iter().enumerate() {
+        // All of them for voids lossless and for hills with an error, else the default.
+        let methods = if place < 2 {
+            &METHODS[..]
+        } else {
+            &METHODS[..1]
+        };
+        for &method in methods {
             let options = method.options(error, cells_log2);
             raster.build_with(&repository, &options).unwrap();
             // -B: the source folder stays clean.

@@ -259,7 +259,9 @@ fn file_of(method: Method, listed: bool) -> File {
         *sample = f64::NAN;
     }
     if listed {
-        raster.samples.iter_mut().for_each(|sample| *sample *= 7.0);
+        // Few heights, seven units apart.
+        let sparse = |sample: &mut f64| *sample = 7.0 * (*sample / 20.0).floor();
+        raster.samples.iter_mut().for_each(sparse);
     }
     File::of(&raster, &method.options(0.0, 4))
 }
@@ -336,6 +338,18 @@ proptest! {
         }
         file.seal_blocks();
         file.is_read();
+    }
+}
+
+#[test]
+fn few_heights_far_between_are_listed_by_trained_prediction() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.kmb");
+    for (method, listed) in in_contexts().flat_map(|method| [(method, false), (method, true)]) {
+        std::fs::write(&path, file_of(method, listed).0).unwrap();
+        let has_list = tables_of(&path).listed.is_some();
+        assert_eq!(has_list, listed && method.adaptive, "{method:?}");
+        std::fs::remove_file(&path).unwrap();
     }
 }
 
