@@ -93,6 +93,11 @@ impl BlockCodec {
         }
     }
 
+    /// Decodes what another model codes from now on.
+    pub fn set_model(&mut self, model: Model) {
+        self.model = Some(model);
+    }
+
     /// What makes coefficients of heights.
     pub fn transform(&self) -> &dyn Transform {
         &*self.transform
