@@ -7,7 +7,7 @@ const CAVEATS: &str = include_str!("header.h.in");
 
 /// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function
 /// names.
-const SECTIONS: [(&str, &str, &[&str]); 6] = [
+const SECTIONS: [(&str, &str, &[&str]); 7] = [
     ("Version, errors, messages", "status", &["kmb_log_level"]),
     (
         "Repositories: opening, what is known of them, coordinates",
@@ -29,7 +29,12 @@ const SECTIONS: [(&str, &str, &[&str]); 6] = [
     (
         "Builders: from rows to repositories",
         "builder",
-        &["kmb_transform"],
+        &["kmb_transform", "kmb_entropy"],
+    ),
+    (
+        "Codecs: one diamond or a whole raster as bytes in memory",
+        "codec",
+        &[],
     ),
 ];
 

@@ -12,6 +12,7 @@
 //! | `patch.rs` | patches of a cut |
 //! | `query.rs` | heights and windows of samples, without any view |
 //! | `builder.rs` | building repositories from rows |
+//! | `codec.rs` | one diamond or a whole raster as bytes in memory |
 
 // The safety contract of every function is that of a C library; the header's first section states
 // it once.
@@ -20,6 +21,7 @@
 
 mod boundary;
 pub mod builder;
+pub mod codec;
 pub mod cut;
 pub mod patch;
 pub mod query;

@@ -2,12 +2,17 @@
 
 use std::path::Path;
 
-use kimberlite::build::source::{SourceOptions, open};
+use kimberlite::build::source::{InMemory, SourceOptions, open};
+use kimberlite::build::{BuildOptions, build, longest_repository};
 use kimberlite::codec::{
     BlockCodec, DiamondCodec, DiamondOptions, DiamondView, Fit, Matrix, Outline, ROUNDS,
     SymbolCoder, Trainer,
 };
+use kimberlite::cut::Terrain;
+use kimberlite::geo::{RasterInfo, SampleType};
 use kimberlite::lattice::Lattice;
+use kimberlite::store::{Access, EntropyKind};
+use kimberlite::tool::{open_packed, pack, unpack};
 use kimberlite::transform::{Quantiser, Target, TransformKind};
 
 /// Vertices and centres.
@@ -146,32 +151,229 @@ fn bits(codec: &DiamondCodec, found: &[Diamond]) -> f64 {
     8.0 * bytes as f64 / (found.len() * 4096) as f64
 }
 
+/// Numbers that look random, the same everywhere.
+fn noise(seed: u64) -> impl FnMut() -> i32 {
+    let mut state = seed | 1;
+    move || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 32) as i32
+    }
+}
+
+/// A matrix of noise of so many bits, every eighth entry void where there are voids.
+fn noisy(seed: u64, count: usize, bits: u32, has_voids: bool) -> Matrix {
+    let mut next = noise(seed);
+    let values = (0..count).map(|_| next() >> (32 - bits)).collect();
+    let valid = (0..count).map(|_| u8::from(!has_voids || next() & 7 != 0));
+    Matrix::new(values, valid.collect())
+}
+
+fn noisy_diamond(seed: u64, cells: usize, bits: u32, has_voids: bool) -> Diamond {
+    let corners = (cells + 1) * (cells + 1);
+    (
+        noisy(seed, corners, bits, has_voids),
+        noisy(seed ^ 99, cells * cells, bits, has_voids),
+    )
+}
+
 #[test]
-#[ignore = "measures"]
-fn measure() {
-    for (name, unit, bounds) in [
-        ("puget_sound_1025_decimetres.png", 1.0, [0, 2, 10, 40, 80]),
-        ("srtm3_N49W123.tif", 1.0, [0, 1, 2, 4, 8]),
-        ("srtm3_S33W071.tif", 1.0, [0, 1, 2, 4, 8]),
-        ("rocky_mountain_np_dem.tif", 1.0, [0, 1, 2, 4, 8]),
-        ("delft_dsm_0.5m_1.tif", 0.01, [0, 1, 5, 10, 25]),
+fn the_standard_model_costs_little_more_than_a_trained_one() {
+    let found = diamonds("puget_sound_1025_decimetres.png", 1.0, 10, 2);
+    let mut coder = codec(10, [0, 65535], true);
+    let standard = bits(&coder, &found);
+    let views: Vec<DiamondView> = found.iter().map(view).collect();
+    coder.train(&views).unwrap();
+    let trained = bits(&coder, &found);
+    let gamma = bits(&codec(10, [0, 65535], false), &found);
+    eprintln!("standard {standard:.3}, trained {trained:.3}, gamma {gamma:.3}");
+    assert!(standard < 1.05 * trained && standard < 0.8 * gamma);
+}
+
+#[test]
+fn a_trained_model_is_the_same_after_its_bytes() {
+    let found: Vec<Diamond> = (0..4)
+        .map(|seed| noisy_diamond(seed, 64, 6, false))
+        .collect();
+    let mut coder = codec(1, [-64, 63], true);
+    let mut other = codec(1, [-64, 63], true);
+    assert!(coder.model_bytes().is_none());
+    let views: Vec<DiamondView> = found.iter().map(view).collect();
+    coder.train(&views).unwrap();
+    other.set_model(&coder.model_bytes().unwrap()).unwrap();
+    for diamond in &found {
+        let block = coder.encode(view(diamond)).unwrap();
+        assert_eq!(other.encode(view(diamond)).unwrap(), block);
+        assert_eq!(
+            other.decode(&diamond.0, &block).unwrap(),
+            coder.decode(&diamond.0, &block).unwrap()
+        );
+    }
+}
+
+#[test]
+fn noise_of_any_size_comes_back_within_bound_and_length() {
+    for (cells_log2, bits, bound) in [
+        (4, 32, 0),
+        (6, 32, 0),
+        (7, 32, 1000),
+        (5, 12, 3),
+        (6, 1, 0),
+        (4, 20, i32::MAX / 2),
     ] {
-        for bound in bounds {
-            let found = diamonds(name, unit, bound, 2);
-            let range = [-1 << 20, 1 << 20];
-            let gamma = bits(&codec(bound, range, false), &found);
-            let mut coder = codec(bound, range, true);
-            let standard = bits(&coder, &found);
-            let views: Vec<DiamondView> = found.iter().map(view).collect();
-            coder.train(&views).unwrap();
-            let model =
-                8.0 * coder.model_bytes().unwrap().len() as f64 / (found.len() * 4096) as f64;
-            let trained = bits(&coder, &found);
-            eprintln!(
-                "{name} {bound}: {} gamma {gamma:.3} standard {standard:.3} trained {trained:.3} + {model:.3}, ratio {:.3}",
-                found.len(),
-                standard / trained
-            );
+        for (in_contexts, has_voids) in [(true, true), (true, false), (false, true), (false, false)]
+        {
+            let range = [i32::MIN >> (32 - bits), i32::MAX >> (32 - bits)];
+            let options = DiamondOptions {
+                cells_log2,
+                bound,
+                range,
+                in_contexts,
+            };
+            let coder = DiamondCodec::new(options).unwrap();
+            let diamond = noisy_diamond(7, 1 << cells_log2, bits, has_voids);
+            self::bits(&coder, &[diamond]);
         }
     }
+}
+
+#[test]
+fn voids_everywhere_and_nowhere_need_no_bytes() {
+    let coder = codec(0, [0, 100], true);
+    let flat =
+        |count: usize, valid: u8| Matrix::new(vec![50; count].into(), vec![valid; count].into());
+    for valid in [0, 1] {
+        let diamond = (flat(65 * 65, valid), flat(64 * 64, valid));
+        assert!(coder.encode(view(&diamond)).unwrap().is_empty());
+        assert_eq!(coder.decode(&diamond.0, &[]).unwrap(), diamond.1);
+    }
+    let island = (flat(65 * 65, 0), flat(64 * 64, 1));
+    let block = coder.encode(view(&island)).unwrap();
+    assert_eq!(coder.decode(&island.0, &block).unwrap(), island.1);
+}
+
+#[test]
+fn damaged_diamonds_give_errors_or_heights_within_the_range() {
+    for in_contexts in [true, false] {
+        let coder = codec(2, [-500, 500], in_contexts);
+        let diamond = noisy_diamond(3, 64, 9, true);
+        let block = coder.encode(view(&diamond)).unwrap();
+        let mut next = noise(17);
+        for round in 0..300 {
+            let mut damaged = block.clone();
+            damaged.truncate(next() as u32 as usize % (block.len() + 1));
+            for _ in 0..round % 4 {
+                if let Some(last) = damaged.len().checked_sub(1) {
+                    let place = next() as u32 as usize % (last + 1);
+                    damaged[place] = next() as u8;
+                }
+            }
+            if let Ok(decoded) = coder.decode(&diamond.0, &damaged) {
+                assert!(
+                    decoded
+                        .values
+                        .iter()
+                        .all(|height| (-500..=500).contains(height))
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn heights_outside_the_range_and_other_sizes_are_refused() {
+    let coder = codec(0, [-10, 10], true);
+    let (vertices, centres) = noisy_diamond(1, 64, 4, false);
+    let mut wild = centres.clone();
+    wild.values[77] = 11;
+    assert!(
+        coder
+            .encode(DiamondView {
+                vertices: &vertices,
+                centres: &wild
+            })
+            .is_err()
+    );
+    wild.valid = Some((0..64 * 64).map(|index| u8::from(index != 77)).collect());
+    assert!(
+        coder
+            .encode(DiamondView {
+                vertices: &vertices,
+                centres: &wild
+            })
+            .is_ok()
+    );
+    assert!(
+        coder
+            .encode(DiamondView {
+                vertices: &centres,
+                centres: &centres
+            })
+            .is_err()
+    );
+    assert!(coder.decode(&centres, &[]).is_err());
+}
+
+#[test]
+fn no_raster_needs_more_bytes_than_its_bound() {
+    for (width, height, cells_log2) in [(2, 2, 4), (130, 67, 4), (300, 200, 6)] {
+        for transform in [
+            TransformKind::Interpolating,
+            TransformKind::Lifted,
+            TransformKind::TwoStage,
+        ] {
+            for entropy in [EntropyKind::Rans, EntropyKind::Gamma] {
+                let options = BuildOptions {
+                    transform,
+                    entropy,
+                    cells_log2,
+                    threads: 1,
+                    ..BuildOptions::default()
+                };
+                let mut next = noise(u64::from(width));
+                let count = (width * height) as usize;
+                let samples: Vec<i32> = (0..count)
+                    .map(|_| if next() & 3 == 0 { 12345 } else { next() })
+                    .collect();
+                let mut info = RasterInfo::new(width, height, SampleType::I32);
+                info.nodata = Some(12345.0);
+                let (bytes, report) = pack(info, &samples, &options).unwrap();
+                let bound = longest_repository(width, height, &options).unwrap();
+                assert!(bytes.len() as u64 <= bound && report.max_error == 0.0);
+                let mut back = vec![0; count];
+                unpack(&open_packed(&bytes).unwrap(), &mut back).unwrap();
+                assert_eq!(back, samples);
+            }
+        }
+    }
+}
+
+#[test]
+fn packed_bytes_in_a_file_are_a_repository() {
+    let samples: Vec<f32> = (0..90 * 70)
+        .map(|index| (index % 90) as f32 * 0.5)
+        .collect();
+    let info = RasterInfo::new(90, 70, SampleType::F32);
+    let options = BuildOptions {
+        max_error: 0.1,
+        cells_log2: 4,
+        ..BuildOptions::default()
+    };
+    let (bytes, _) = pack(info.clone(), &samples, &options).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let (written, built) = (folder.path().join("a.kmb"), folder.path().join("b.kmb"));
+    std::fs::write(&written, &bytes).unwrap();
+    let opened = Terrain::open(&written, Access::Map).unwrap();
+    let mut back = vec![0f32; samples.len()];
+    unpack(&opened, &mut back).unwrap();
+    assert!(
+        samples
+            .iter()
+            .zip(&back)
+            .all(|(own, back)| (own - back).abs() <= 0.1)
+    );
+    let mut source = InMemory::new(info, &samples).unwrap();
+    build(&mut source, &options, &built, &mut |_, _| true).unwrap();
+    assert_eq!(std::fs::read(&built).unwrap(), bytes);
 }
