@@ -6,12 +6,13 @@
 use std::mem::offset_of;
 
 use kimberlite::ffi::builder::{kmb_build_report, kmb_builder_options, kmb_entropy, kmb_transform};
-use kimberlite::ffi::codec::{kmb_codec_options, kmb_raster_info, kmb_raster_options};
+use kimberlite::ffi::codec::kmb_codec_options;
 use kimberlite::ffi::cut::{
     kmb_budget, kmb_cut_options, kmb_grid_to_world, kmb_stats, kmb_vertex_form, kmb_view,
 };
 use kimberlite::ffi::patch::kmb_patch_info;
 use kimberlite::ffi::query::{KMB_UNLIMITED, kmb_height};
+use kimberlite::ffi::raster::{kmb_raster_info, kmb_raster_options};
 use kimberlite::ffi::repository::{
     kmb_access, kmb_kind, kmb_open_options, kmb_registration, kmb_repository_info, kmb_sample_type,
 };

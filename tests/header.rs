@@ -7,7 +7,7 @@ const CAVEATS: &str = include_str!("header.h.in");
 
 /// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function
 /// names.
-const SECTIONS: [(&str, &str, &[&str]); 7] = [
+const SECTIONS: [(&str, &str, &[&str]); 8] = [
     ("Version, errors, messages", "status", &["kmb_log_level"]),
     (
         "Repositories: opening, what is known of them, coordinates",
@@ -32,10 +32,11 @@ const SECTIONS: [(&str, &str, &[&str]); 7] = [
         &["kmb_transform", "kmb_entropy"],
     ),
     (
-        "Codecs: one diamond or a whole raster as bytes in memory",
-        "codec",
+        "Rasters: samples to the bytes of a repository in memory, and back",
+        "raster",
         &[],
     ),
+    ("Codecs: the heights of one diamond as bytes", "codec", &[]),
 ];
 
 fn section(root: &Path, file: &str, types: &[&str]) -> String {
