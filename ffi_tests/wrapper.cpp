@@ -5,9 +5,9 @@
 #include <cstdlib>
 #include <iostream>
 #include <string>
-#include <vector>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace {
 
