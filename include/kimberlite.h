@@ -192,8 +192,8 @@ typedef enum kmb_registration {
     KMB_REGISTRATION_POINT = 1,
 } kmb_registration;
 
-// An open repository of heights. Cuts and queries made from it share what they need of it, so that
-// it may be closed before them.
+// An open repository of heights or of colours. Cuts and queries made from it share what they need of
+// it, so that it may be closed before them.
 typedef struct kmb_repository kmb_repository;
 
 // How to open a repository.
@@ -270,9 +270,13 @@ typedef struct kmb_repository_info {
     const char *units;
     // Count of metadata entries.
     uint64_t metadata_count;
+    // Numbers of a sample: 1 for heights, 3 for colours (red, green, blue).
+    uint32_t bands;
+    // 0.
+    uint32_t reserved;
 } kmb_repository_info;
 
-// Opens the repository of heights at `path` (bytes as the system has them; UTF-8 on Windows) and
+// Opens the repository of heights or of colours at `path` (bytes as the system has them; UTF-8 on Windows) and
 // gives a handle, which kmb_repository_close frees. `options` may be NULL: a memory map.
 //
 // Reads the header, the tables and the roots; blocks are read, and their checksums checked, when
@@ -404,7 +408,8 @@ kmb_status kmb_height_at_crs(struct kmb_query *query,
 
 // Reads a rectangle of samples of one even level into an array that the caller owns: `height` rows
 // of `width` samples from the top, sample values and not physical heights, NaN where there is a
-// void. `capacity` is the count of doubles at `samples`, at least width * height. A level 2k has
+// void; of colours red, green and blue of each sample follow each other. `capacity` is the count of
+// doubles at `samples`, at least width * height, and three times that for colours. A level 2k has
 // every 2^(K - k)-th column and row of the raster, where 2K is the finest level; `column` and
 // `row` count those.
 //
@@ -743,10 +748,15 @@ typedef struct kmb_builder_options {
     // For KMB_TRANSFORM_LIFTED: largest allowed root mean square difference, in sample units, or 0
     // for lossless. The largest difference that comes with it is in the report and in the file.
     double rms_error;
+    // Numbers of a sample: 0 or 1 for heights; 3 for colours (red, green, blue), which are of
+    // KMB_SAMPLE_U8 or KMB_SAMPLE_U16. Errors are then those of each of the three.
+    uint32_t bands;
+    // 0.
+    uint32_t reserved;
 } kmb_builder_options;
 
 // Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
-// double each, NaN for a void, any other value a sample of the raster's type (it is rounded to a
+// double each (three for a colour: red, green, blue), NaN for a void (in all three), any other value a sample of the raster's type (it is rounded to a
 // float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one after the
 // other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
 // out of it.
