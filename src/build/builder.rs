@@ -294,8 +294,10 @@ impl<'a> Coders<'a> {
                 .adaptive
                 .unwrap_or_else(|| components.prefers_trained_predictor(kind)),
         };
-        let listed = match components {
-            Components::Height(units) if adaptive => list_heights(levels, units.range, units.bound),
+        let listed = match (components, kind) {
+            (Components::Height(units), TransformKind::Interpolating) if adaptive => {
+                list_heights(levels, units.range, units.bound)
+            }
             _ => None,
         };
         let quantisers = components.quantisers(&transforms, listed.clone());
