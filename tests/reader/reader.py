@@ -324,7 +324,7 @@ class Surroundings:
         return wrap(value) if self.narrow else value
 
     def look(self, i, j):
-        """Context, prediction, and what order 4 expects in quarters."""
+        """Context, predicted height, what order 4 expects in quarters, and a predicted detail in units times 2^10."""
         v, sat = self.v, self.sat
         at = lambda row, column: v[i - 1 + column, j - 1 + row]
         a, b, d, e = at(1, 1), at(1, 2), at(2, 1), at(2, 2)
@@ -367,9 +367,9 @@ class Surroundings:
         activity = clamp(activity, 1, 2**31 - 1)
         quarter = (struct.unpack("<I", struct.pack("<f", activity))[0] >> 21) - 508
         context = clamp(quarter - first, 0, 31)
-        total = (s << 10) + 2048 + sum(f * row[context // 4] for f, row in zip(features, prediction))
-        predicted = wrap(self.base + (self.total(total) >> 12 << self.shift))
-        return context, predicted, sat(s + bend)
+        higher = sum(f * row[context // 4] for f, row in zip(features, prediction))
+        predicted = wrap(self.base + (self.total((s << 10) + 2048 + higher) >> 12 << self.shift))
+        return context, predicted, sat(s + bend), self.total(higher) << self.shift >> 2
 
     def complete(self, heights, expected):
         self.above = [self.relative(height) for height in heights]
@@ -403,21 +403,25 @@ def trained_centres(cells, quantiser, group, vertices, coded, block):
     return centres
 
 
-def coefficients_of(cells, step, groups, vertices, block):
+def coefficients_of(cells, step, adaptive, groups, vertices, block):
     """What reads the matrices of a block in contexts, one after the other."""
-    symbols = Symbols(block) if block else None
+    symbols, residuals = Symbols(block) if block else None, {}
 
-    def read(matrix, coded, companion):
+    def read(matrix, coded):
         surroundings, entries = Surroundings(cells, vertices, groups[matrix]), {}
         for j in range(cells):
-            if companion:
-                surroundings.accompany([companion[i, j] for i in range(cells)], step)
+            if matrix == 1:
+                surroundings.accompany([residuals[i, j] for i in range(cells)], step)
             row = [0] * cells
-            for i in range(cells if symbols else 0):
+            for i in range(cells):
+                context, _, _, detail = surroundings.look(i, j)
+                residual = 0
+                if symbols:
+                    residual = symbols.next(groups[matrix][3][context]) if coded[i, j] else symbols.skip()
+                if matrix == 0:
+                    residuals[i, j] = residual
                 if coded[i, j]:
-                    row[i] = symbols.next(groups[matrix][3][surroundings.look(i, j)[0]])
-                else:
-                    symbols.skip()
+                    row[i] = wrap(residual + ((detail + 512 * step) // (1024 * step) if adaptive else 0))
             surroundings.complete_coefficients(row, step)
             entries.update(((i, j), k) for i, k in enumerate(row))
         return entries
@@ -446,7 +450,7 @@ def gamma_of(cells, block):
             for i in (0, side // 2):
                 quadrant(entries, coded, x + i, y + j, side // 2)
 
-    def read(matrix, coded, companion):
+    def read(matrix, coded):
         entries = dict.fromkeys(coded, 0)
         if block:
             quadrant(entries, coded, 0, 0, cells)
@@ -549,9 +553,9 @@ class Terrain:
         cells, quantiser, read = self.cells, self.quantiser, gamma_of(self.cells, block)
         if self.model:
             groups = self.model.levels[level]
-            if self.model.adaptive:
+            if self.model.adaptive and self.header.transform == 0:
                 return vertices, trained_centres(cells, quantiser, groups[0], vertices, coded, block)
-            read = coefficients_of(cells, quantiser.step, groups, vertices, block)
+            read = coefficients_of(cells, quantiser.step, self.model.adaptive, groups, vertices, block)
         transform = TRANSFORMS[self.header.transform]
         return transform(cells, quantiser, vertices, valid, coded, mirrored, read)
 

@@ -1,7 +1,6 @@
 """The transforms of docs/design.md, from coefficients to heights on the next level.
 
-Matrices are dictionaries by (i, j). `read(matrix, coded, companion)` gives all coefficients of a matrix, 0 where `coded` is
-false; `mirrored` gives for every place of a matrix that ends at `last` the one whose height it has, itself where its half is present."""
+Matrices are dictionaries by (i, j). `read(matrix, coded)` gives all coefficients of a matrix, 0 where `coded` is false; `mirrored` gives for every place of a matrix that ends at `last` the one whose height it has, itself where its half is present."""
 
 
 def clamp(value, low, high):
@@ -33,13 +32,13 @@ def fixed_rule(cells, vertices, i, j):
 
 
 def interpolating(cells, quantiser, vertices, valid, coded, mirrored, read):
-    coefficients = read(0, coded, None)
+    coefficients = read(0, coded)
     heights = {at: quantiser.reconstruct(k, fixed_rule(cells, vertices, *at)) for at, k in coefficients.items()}
     return vertices, heights
 
 
 def two_stage(cells, quantiser, vertices, valid, coded, mirrored, read):
-    coefficients = read(0, coded, None)
+    coefficients = read(0, coded)
     centres = interpolating(cells, quantiser, vertices, valid, coded, mirrored, lambda *_: coefficients)[1]
     centres = {at: centres[mirrored(*at, cells - 1)] for at in centres}
     known = {at: coded[mirrored(*at, cells - 1)] for at in centres}
@@ -47,7 +46,7 @@ def two_stage(cells, quantiser, vertices, valid, coded, mirrored, read):
     for i, j in centres:
         is_inner = i > 0 and j > 0 and valid[i, j] and mirrored(i, j, cells) == (i, j)
         inner[i, j] = is_inner and all(known[at] for at in support(cells - 1, i - 1, j - 1))
-    residuals, heights = read(1, inner, coefficients), dict(vertices)
+    residuals, heights = read(1, inner), dict(vertices)
     for (i, j), is_coded in inner.items():
         if is_coded:
             prediction = clamp(fixed_rule(cells - 1, centres, i - 1, j - 1), *quantiser.range)
@@ -56,7 +55,7 @@ def two_stage(cells, quantiser, vertices, valid, coded, mirrored, read):
 
 
 def lifted(cells, quantiser, vertices, valid, coded, mirrored, read):
-    coefficients = read(0, coded, None)
+    coefficients = read(0, coded)
     details = {at: wrap(coefficients[mirrored(*at, cells - 1)] * quantiser.step) for at in coefficients}
     known = {at: coded[mirrored(*at, cells - 1)] for at in coefficients}
     heights = dict(vertices)

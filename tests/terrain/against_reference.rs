@@ -3,6 +3,7 @@
 
 use crate::rasters::{Raster, decode_diamonds};
 use crate::reference::model::{Model, encode_from};
+use kimberlite::build::BuildOptions;
 use kimberlite::cut::{DiamondSource, Terrain};
 use kimberlite::geo::SampleType;
 use kimberlite::lattice::Diamond;
@@ -73,7 +74,14 @@ proptest! {
     fn every_vertex_error_and_range_is_the_reference_models(raster in rasters(), bound in 0i64..6) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.kmb");
-        raster.build(&path, bound as f64, 4).unwrap();
+        // The model's prediction is the fixed rule.
+        let options = BuildOptions {
+            max_error: bound as f64,
+            adaptive: Some(false),
+            cells_log2: 4,
+            ..BuildOptions::default()
+        };
+        raster.build_with(&path, &options).unwrap();
         let terrain = Terrain::open(&path, Access::Map).unwrap();
         let model = model_of(&raster, &terrain, bound);
         let all = decode_diamonds(&terrain);
