@@ -34,7 +34,7 @@ impl Lifted {
         predictions
     }
 
-    /// H at all valid centres, 0 at others, an absent half reflected (eq. 1).
+    /// H at all valid centres, 0 at others (eq. 1).
     fn details(&self, validity: &Validity, vertices: &[i32], centres: &[i32]) -> Box<[i32]> {
         let mut details = self.predictions(validity, vertices);
         for (index, (detail, &centre)) in details.iter_mut().zip(centres).enumerate() {
@@ -44,9 +44,6 @@ impl Lifted {
             } else {
                 0
             };
-        }
-        if let Some(absent) = validity.absent {
-            reflect_absent_centres(self.cells, absent, &mut details);
         }
         details
     }
@@ -95,7 +92,10 @@ impl Transform for Lifted {
     }
 
     fn filter(&self, validity: &Validity, vertices: &mut [i32], centres: &[i32]) {
-        let details = self.details(validity, vertices, centres);
+        let mut details = self.details(validity, vertices, centres);
+        if let Some(absent) = validity.absent {
+            reflect_absent_centres(self.cells, absent, &mut details);
+        }
         self.update(validity, &details, false, vertices);
     }
 
