@@ -211,7 +211,7 @@ pub unsafe extern "C" fn kmb_codec_train(
 ) -> kmb_status {
     boundary!(exclusive codec: kmb_codec, {
         let [corners, cells] = entries(&codec.codec);
-        let all = |each: usize| count.checked_mul(each).unwrap_or(usize::MAX);
+        let all = |each: usize| count.saturating_mul(each);
         if count == 0 {
             return Err(Failure::argument("there is no diamond to train on"));
         }

@@ -269,7 +269,7 @@ unsafe fn encoded(
     samples: *const c_void,
 ) -> Result<Vec<u8>, Failure> {
     let (width, height) = (raster.width as usize, raster.height as usize);
-    let count = width.checked_mul(height).unwrap_or(usize::MAX);
+    let count = width.saturating_mul(height);
     with_type!(raster.sample_type, Number, {
         // SAFETY: as the caller promises.
         let samples = unsafe { array(samples.cast::<Number>(), count, "samples") }?;
