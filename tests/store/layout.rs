@@ -92,6 +92,7 @@ fn padded(rank: u8) -> Vec<u8> {
 /// What [`golden`] says.
 fn golden_content() -> Content {
     let mut raster = RasterInfo::new(0x0102_0304, 0x0506_0708, SampleType::F32);
+    raster.bands = 3;
     raster.registration = Registration::Point;
     (raster.georeferenced, raster.geographic) = (true, true);
     raster.nodata = Some(-9999.0);

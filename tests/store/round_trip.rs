@@ -50,7 +50,8 @@ fn any_header() -> impl Strategy<Value = Header> {
     );
     let numbers = (any::<[f64; 5]>(), any::<(u64, u64)>(), any::<[bool; 2]>());
     (kinds, shape, units, numbers, any_raster()).prop_map(
-        |(kinds, shape, units, numbers, raster)| {
+        |(kinds, shape, units, numbers, mut raster)| {
+            raster.bands = if kinds.0 == 1 { 3 } else { 1 };
             let (range, unit_scale, unit_offset, bound_units) = units;
             let (floats, samples, flags) = numbers;
             Header {
