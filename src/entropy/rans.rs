@@ -183,8 +183,7 @@ impl<'a> Decoder<'a> {
     /// # Panics
     /// If a context has no table, or `coefficients` is shorter than `contexts`.
     pub fn decode(&mut self, contexts: &[u8], coefficients: &mut [i32]) {
-        let last = contexts.iter().fold(0, |last, &context| last.max(context));
-        assert!(last <= self.tables.sure_context() && contexts.len() <= coefficients.len());
+        assert!(contexts.len() <= coefficients.len());
         let whole = (contexts.len() | self.decoded).is_multiple_of(LANES);
         let greatest = match self.lanes {
             LANES if self.vectors && whole => simd::decode(self, contexts, coefficients),
@@ -293,7 +292,7 @@ mod simd {
 
     #[cfg(target_arch = "x86_64")]
     pub(super) fn available() -> bool {
-        std::arch::is_x86_feature_detected!("avx2")
+        super::super::rans_avx2::available()
     }
 
     #[cfg(not(target_arch = "x86_64"))]
@@ -308,17 +307,14 @@ mod simd {
             states: decoder.states,
             position: decoder.position,
         };
-        // SAFETY: `available` was asked when the decoder was made; the caller has checked that contexts
-        // have tables and that symbols are as many, a multiple of eight.
-        let greatest = unsafe {
-            decode(
-                &mut lanes,
-                &decoder.tables.slots,
-                decoder.bytes,
-                contexts,
-                symbols,
-            )
-        };
+        let symbols = &mut symbols[..contexts.len()];
+        let greatest = decode(
+            &mut lanes,
+            &decoder.tables.slots,
+            decoder.bytes,
+            contexts,
+            symbols,
+        );
         decoder.states = lanes.states;
         decoder.position = lanes.position;
         greatest

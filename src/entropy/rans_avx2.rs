@@ -25,14 +25,36 @@ static WORD_OF_LANE: [[u8; 8]; 256] = {
     table
 };
 
+/// Whether the processor has what [`decode`] needs.
+pub(super) fn available() -> bool {
+    std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("popcnt")
+}
+
 /// Decodes as many symbols as there are contexts, as the coefficients that they would be if all were small, and
 /// returns the greatest. Beyond `bytes` less 16 words are 0.
 ///
+/// # Panics
+/// Without [`available`]; if contexts and coefficients are not as many, and a multiple of 8; if `slots` has fewer than
+/// 2048 entries for some context, or `bytes` fewer than 16.
+pub(super) fn decode(
+    lanes: &mut Lanes,
+    slots: &[u32],
+    bytes: &[u8],
+    contexts: &[u8],
+    coefficients: &mut [i32],
+) -> i32 {
+    let last = contexts.iter().fold(0, |last, &context| last.max(context));
+    assert!(available() && bytes.len() >= 16 && contexts.len() == coefficients.len());
+    assert!(contexts.len().is_multiple_of(8) && slots.len() >> PRECISION > usize::from(last));
+    // SAFETY: the assertions.
+    unsafe { decode_lanes(lanes, slots, bytes, contexts, coefficients) }
+}
+
 /// # Safety
 /// The processor has AVX2; `contexts` and `coefficients` have the same length, a multiple of 8; `slots` has
 /// 2048 entries for every context; `bytes` has at least 16, the last 16 of them zeros.
 #[target_feature(enable = "avx2,popcnt")]
-pub(super) unsafe fn decode(
+unsafe fn decode_lanes(
     lanes: &mut Lanes,
     slots: &[u32],
     bytes: &[u8],

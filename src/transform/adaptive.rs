@@ -143,11 +143,22 @@ impl Word for i32 {
     }
 }
 
+/// What a row is foreseen for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Aim {
+    /// Centres, rounded.
+    Centres,
+    /// Centres, with what rounding takes.
+    FineCentres,
+    /// By how much centres are higher than the mean of the 4 nearest vertices, with what rounding takes.
+    FineDetails,
+}
+
 /// Functions that do a whole row at once, with the results of the portable ones.
 #[derive(Clone, Copy)]
 pub(super) struct Kernels<T> {
-    /// [`Surroundings::foresee`].
-    pub foresee: fn(&mut Neighbourhood<T>, &Weights, &mut Outlook),
+    /// [`Surroundings::foresee`] and, by its `aim`, [`Surroundings::foresee_finely`].
+    pub foresee: fn(&mut Neighbourhood<T>, &Weights, Aim, &mut Outlook),
     /// [`Surroundings::complete`].
     pub complete: fn(&mut Neighbourhood<T>, &[i32]),
 }
@@ -475,7 +486,7 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
     fn foresee(&mut self, weights: &Weights, outlook: &mut Outlook) {
         assert!(self.row < self.cells, "a row after the last");
         if let Some(kernels) = self.kernels {
-            return (kernels.foresee)(self, weights, outlook);
+            return (kernels.foresee)(self, weights, Aim::Centres, outlook);
         }
         for i in 0..self.cells {
             let sight = self.look(i);
@@ -490,6 +501,15 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
     }
 
     fn foresee_finely(&mut self, weights: &Weights, details: bool, outlook: &mut Outlook) {
+        assert!(self.row < self.cells, "a row after the last");
+        if let Some(kernels) = self.kernels {
+            let aim = if details {
+                Aim::FineDetails
+            } else {
+                Aim::FineCentres
+            };
+            return (kernels.foresee)(self, weights, aim, outlook);
+        }
         for i in 0..self.cells {
             let sight = self.look(i);
             let context = weights.context(sight.activity::<T>(weights));
@@ -513,7 +533,7 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
     fn foresee_contexts(&mut self, weights: &Weights, outlook: &mut Outlook) {
         assert!(self.row < self.cells, "a row after the last");
         if let Some(kernels) = self.kernels {
-            return (kernels.foresee)(self, weights, outlook);
+            return (kernels.foresee)(self, weights, Aim::Centres, outlook);
         }
         for (i, context) in outlook.contexts.iter_mut().enumerate() {
             *context = weights.context(self.look(i).activity::<T>(weights)) as u8;

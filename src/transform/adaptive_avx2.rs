@@ -2,7 +2,7 @@
 //! functions, whose names and order these follow.
 
 use super::adaptive::{
-    Kernels, Neighbourhood, Outlook, ROW_RIM, UNIT_ACTIVITY, WEIGHT_BITS, Weights, Word,
+    Aim, Kernels, Neighbourhood, Outlook, ROW_RIM, UNIT_ACTIVITY, WEIGHT_BITS, Weights, Word,
 };
 use std::arch::x86_64::*;
 
@@ -11,8 +11,8 @@ pub(super) fn kernels(cells: usize) -> Option<Kernels<i16>> {
     let usable = cells.is_multiple_of(LANES) && std::arch::is_x86_feature_detected!("avx2");
     usable.then_some(Kernels {
         // SAFETY: the processor has AVX2, and rows are whole vectors.
-        foresee: |neighbourhood, weights, outlook| unsafe {
-            foresee(neighbourhood, weights, outlook);
+        foresee: |neighbourhood, weights, aim, outlook| unsafe {
+            foresee(neighbourhood, weights, aim, outlook);
         },
         // SAFETY: as above.
         complete: |neighbourhood, centres| unsafe { complete(neighbourhood, centres) },
@@ -83,12 +83,13 @@ fn sum<const COUNT: usize>(terms: [__m256i; COUNT]) -> __m256i {
 unsafe fn foresee(
     neighbourhood: &mut Neighbourhood<i16>,
     weights: &Weights,
+    aim: Aim,
     outlook: &mut Outlook,
 ) {
     debug_assert_eq!(neighbourhood.shift, 0);
     for start in (0..neighbourhood.cells).step_by(LANES) {
         // SAFETY: `start` and fifteen more are centres of the row.
-        unsafe { foresee_vector(neighbourhood, weights, outlook, start) };
+        unsafe { foresee_vector(neighbourhood, weights, aim, outlook, start) };
     }
 }
 
@@ -101,6 +102,7 @@ unsafe fn foresee(
 unsafe fn foresee_vector(
     own: &mut Neighbourhood<i16>,
     weights: &Weights,
+    aim: Aim,
     outlook: &mut Outlook,
     start: usize,
 ) {
@@ -217,27 +219,62 @@ unsafe fn foresee_vector(
         activity.add(one, other, pair, pair);
     }
     let contexts = [activity.low, activity.high].map(|activity| context(activity, weights));
-    let total = predict(order_two, &features, &contexts, weights);
-    let base = _mm256_set1_epi32(own.base);
-    let shift = |total| {
-        let offset = _mm256_srai_epi32::<{ WEIGHT_BITS as i32 + 2 }>(total);
-        _mm256_add_epi32(base, offset)
-    };
-    let (low, high) = (shift(total.low), shift(total.high));
+    let total = predict(order_two, &features, &contexts, weights, aim);
+    let base = if aim == Aim::FineDetails { 0 } else { own.base };
+    let ([low, low_fractions], [high, high_fractions]) =
+        (round(total.low, base, aim), round(total.high, base, aim));
     let expected = _mm256_adds_epi16(order_two, order_four);
     let bytes = _mm256_packs_epi32(contexts[0], contexts[1]);
     let bytes = _mm256_permute4x64_epi64::<0b1000>(_mm256_packus_epi16(bytes, bytes));
-    assert!(start + LANES <= outlook.contexts.len() && start + LANES <= outlook.predictions.len());
+    let end = start + LANES;
+    assert!(end <= outlook.contexts.len() && end <= outlook.predictions.len());
+    assert!(end <= outlook.fractions.len());
     // SAFETY: the rows have sixteen entries from `start` on: the assertion, and the slack of `expected`.
     unsafe {
         let predictions = outlook.predictions.as_mut_ptr().add(start);
-        let first = _mm256_permute2x128_si256::<0x20>(low, high);
-        _mm256_storeu_si256(predictions.cast(), first);
-        let second = _mm256_permute2x128_si256::<0x31>(low, high);
-        _mm256_storeu_si256(predictions.add(8).cast(), second);
+        store_halves(predictions, low, high);
+        if aim != Aim::Centres {
+            let fractions = outlook.fractions.as_mut_ptr().add(start);
+            store_halves(fractions, low_fractions, high_fractions);
+        }
         let contexts = outlook.contexts.as_mut_ptr().add(start);
         _mm_storeu_si128(contexts.cast(), _mm256_castsi256_si128(bytes));
         _mm256_storeu_si256(own.expected.as_mut_ptr().add(start).cast(), expected);
+    }
+}
+
+/// Predictions from a base, and what rounding takes from them, of eight totals.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn round(total: __m256i, base: i32, aim: Aim) -> [__m256i; 2] {
+    let base = _mm256_set1_epi32(base);
+    if aim == Aim::Centres {
+        let offset = _mm256_srai_epi32::<{ WEIGHT_BITS as i32 + 2 }>(total);
+        return [_mm256_add_epi32(base, offset), _mm256_setzero_si256()];
+    }
+    let fine = _mm256_srai_epi32::<2>(total);
+    let half = _mm256_set1_epi32(1 << (WEIGHT_BITS - 1));
+    let offset = _mm256_srai_epi32::<{ WEIGHT_BITS as i32 }>(_mm256_add_epi32(fine, half));
+    let whole = _mm256_slli_epi32::<{ WEIGHT_BITS as i32 }>(offset);
+    [
+        _mm256_add_epi32(base, offset),
+        _mm256_sub_epi32(fine, whole),
+    ]
+}
+
+/// Sixteen numbers in order, from halves as unpacking leaves them.
+///
+/// # Safety
+/// There is room for sixteen.
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn store_halves(numbers: *mut i32, low: __m256i, high: __m256i) {
+    // SAFETY: the caller's.
+    unsafe {
+        let first = _mm256_permute2x128_si256::<0x20>(low, high);
+        _mm256_storeu_si256(numbers.cast(), first);
+        let second = _mm256_permute2x128_si256::<0x31>(low, high);
+        _mm256_storeu_si256(numbers.add(8).cast(), second);
     }
 }
 
@@ -258,7 +295,7 @@ fn context(activity: __m256i, weights: &Weights) -> __m256i {
     _mm256_max_epi32(_mm256_min_epi32(context, last), _mm256_setzero_si256())
 }
 
-/// Weighted features on top of the prediction by order 2, with half a unit for rounding.
+/// Weighted features; for centres on top of the prediction by order 2, for rounded ones with half a unit.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn predict(
@@ -266,13 +303,19 @@ fn predict(
     features: &[[__m256i; 2]; 8],
     contexts: &[__m256i; 2],
     weights: &Weights,
+    aim: Aim,
 ) -> Totals {
     let [low, high] = contexts.map(|contexts| _mm256_srli_epi32::<2>(contexts));
     let mut total = Totals {
         low: _mm256_setzero_si256(),
         high: _mm256_setzero_si256(),
     };
-    let unit = _mm256_set1_epi32(packed([1 << WEIGHT_BITS, 1 << (WEIGHT_BITS + 1)]));
+    let unit = match aim {
+        Aim::Centres => [1 << WEIGHT_BITS, 1 << (WEIGHT_BITS + 1)],
+        Aim::FineCentres => [1 << WEIGHT_BITS, 0],
+        Aim::FineDetails => [0, 0],
+    };
+    let unit = _mm256_set1_epi32(packed(unit));
     total.add(order_two, _mm256_set1_epi16(1), unit, unit);
     for ([one, other], weights) in features.iter().zip(&weights.prediction) {
         // SAFETY: eight pairs of 16 bits are 32 bytes.

@@ -66,6 +66,40 @@ proptest! {
     }
 
     #[test]
+    fn vectors_foresee_finely_what_the_portable_function_foresees(
+        seed in any::<u64>(),
+        cells_log2 in 4u32..8,
+        vertex_bits in 0u32..14,
+        centre_bits in 0u32..31,
+        weight_bits in 1u32..14,
+        details in any::<bool>(),
+    ) {
+        let cells = 1 << cells_log2;
+        let side = cells + 1;
+        let vertices = noise(seed, side * side, vertex_bits);
+        let weights = any_weights(seed ^ 1, weight_bits);
+        let mut rooms = [Workspace::default(), Workspace::default()];
+        let [portable, vectors] = &mut rooms;
+        let mut pair = [
+            portable.start(cells, &vertices, false),
+            vectors.start(cells, &vertices, true),
+        ];
+        let rows = noise(seed ^ 2, cells * cells, centre_bits);
+        for row in rows.chunks_exact(cells) {
+            let outlooks = pair.each_mut().map(|surroundings| {
+                let mut outlook = Outlook::default();
+                outlook.fit(cells);
+                surroundings.foresee_finely(&weights, details, &mut outlook);
+                surroundings.complete(row);
+                outlook
+            });
+            prop_assert_eq!(&outlooks[0].contexts, &outlooks[1].contexts);
+            prop_assert_eq!(&outlooks[0].predictions, &outlooks[1].predictions);
+            prop_assert_eq!(&outlooks[0].fractions, &outlooks[1].fractions);
+        }
+    }
+
+    #[test]
     fn vectors_find_the_contexts_of_coefficients_that_the_portable_function_finds(
         seed in any::<u64>(),
         cells_log2 in 4u32..8,
