@@ -124,6 +124,46 @@ static void structs(void)
     AT(kmb_build_report, bytes, 24);
     AT(kmb_build_report, max_error, 32);
     AT(kmb_build_report, rms_error, 40);
+    SIZE(kmb_codec_options, 24);
+    AT(kmb_codec_options, struct_size, 0);
+    AT(kmb_codec_options, cells, 4);
+    AT(kmb_codec_options, minimum, 8);
+    AT(kmb_codec_options, maximum, 12);
+    AT(kmb_codec_options, max_error, 16);
+    AT(kmb_codec_options, entropy, 20);
+    SIZE(kmb_raster_options, 64);
+    AT(kmb_raster_options, struct_size, 0);
+    AT(kmb_raster_options, sample_type, 4);
+    AT(kmb_raster_options, width, 8);
+    AT(kmb_raster_options, height, 12);
+    AT(kmb_raster_options, max_error, 16);
+    AT(kmb_raster_options, rms_error, 24);
+    AT(kmb_raster_options, nodata, 32);
+    AT(kmb_raster_options, has_nodata, 40);
+    AT(kmb_raster_options, cells, 44);
+    AT(kmb_raster_options, transform, 48);
+    AT(kmb_raster_options, entropy, 52);
+    AT(kmb_raster_options, threads, 56);
+    AT(kmb_raster_options, reserved, 60);
+    SIZE(kmb_raster_info, 104);
+    AT(kmb_raster_info, struct_size, 0);
+    AT(kmb_raster_info, sample_type, 4);
+    AT(kmb_raster_info, width, 8);
+    AT(kmb_raster_info, height, 12);
+    AT(kmb_raster_info, samples, 16);
+    AT(kmb_raster_info, void_samples, 24);
+    AT(kmb_raster_info, sample_bytes, 32);
+    AT(kmb_raster_info, lossless, 36);
+    AT(kmb_raster_info, max_error, 40);
+    AT(kmb_raster_info, max_error_bound, 48);
+    AT(kmb_raster_info, rms_error, 56);
+    AT(kmb_raster_info, sample_min, 64);
+    AT(kmb_raster_info, sample_max, 72);
+    AT(kmb_raster_info, nodata, 80);
+    AT(kmb_raster_info, has_nodata, 88);
+    AT(kmb_raster_info, cells, 92);
+    AT(kmb_raster_info, transform, 96);
+    AT(kmb_raster_info, entropy, 100);
 }
 
 static void numbers(void)
@@ -143,6 +183,7 @@ static void numbers(void)
     CHECK(KMB_BUDGET_TOO_SMALL == 9);
     CHECK(KMB_NOT_FOUND == 10);
     CHECK(KMB_PANIC == 11);
+    CHECK(KMB_BUFFER_TOO_SMALL == 12);
     CHECK(KMB_LOG_INFO == 0);
     CHECK(KMB_LOG_WARNING == 1);
     CHECK(KMB_KIND_HEIGHTS == 0);
@@ -165,6 +206,8 @@ static void numbers(void)
     CHECK(KMB_TRANSFORM_INTERPOLATING == 0);
     CHECK(KMB_TRANSFORM_LIFTED == 1);
     CHECK(KMB_TRANSFORM_TWO_STAGE == 2);
+    CHECK(KMB_ENTROPY_RANS == 0);
+    CHECK(KMB_ENTROPY_GAMMA == 1);
 }
 
 int main(void)

@@ -7,6 +7,7 @@
 #include <string>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace {
 
@@ -58,6 +59,25 @@ void draw(const kimberlite::Repository &repository) {
 
 }  // namespace
 
+static void pack() {
+    kmb_raster_options options = kimberlite::sized<kmb_raster_options>();
+    options.sample_type = KMB_SAMPLE_U8;
+    options.width = options.height = 20;
+    options.cells = 16;
+    std::vector<std::uint8_t> samples(400), back(400);
+    for (std::size_t i = 0; i < samples.size(); i++) samples[i] = static_cast<std::uint8_t>(i / 7);
+    const std::vector<std::uint8_t> bytes = kimberlite::encode_raster(options, samples.data());
+    kimberlite::check(kmb_codec_decode_raster(bytes.data(), bytes.size(), back.data(), back.size()));
+    check(samples == back, "a raster comes back");
+    kmb_codec_options diamonds = kimberlite::sized<kmb_codec_options>();
+    diamonds.cells = 16;
+    diamonds.maximum = 1000;
+    kimberlite::Codec codec(diamonds);
+    std::vector<std::int32_t> vertices(17 * 17, 400), centres(16 * 16, 404), decoded(16 * 16);
+    codec.decode(vertices.data(), codec.encode(vertices.data(), centres.data()), decoded.data());
+    check(centres == decoded, "a diamond comes back");
+}
+
 int main(int count, char **words) {
     check(count == 2, "there is one argument");
     const std::string path = std::string(words[1]) + "/wrapper.kmb";
@@ -71,6 +91,7 @@ int main(int count, char **words) {
     check(query.height_at(50, 40, height) && std::abs(height.height - 139) < 1e-9, "a height is found");
     check(!query.height_at(-1, 0, height), "there is no height outside");
     draw(repository);
+    pack();
     try {
         kimberlite::Repository absent(path + ".absent");
         check(false, "an absent file throws");

@@ -93,6 +93,8 @@ typedef enum kmb_status {
     KMB_NOT_FOUND = 10,
     // An internal error was caught. The handle answers nothing else from now on; destroy it.
     KMB_PANIC = 11,
+    // The caller's memory does not hold the result.
+    KMB_BUFFER_TOO_SMALL = 12,
 } kmb_status;
 
 // How much a message matters.
@@ -190,8 +192,8 @@ typedef enum kmb_registration {
     KMB_REGISTRATION_POINT = 1,
 } kmb_registration;
 
-// An open repository of heights. Cuts and queries made from it share what they need of it, so that
-// it may be closed before them.
+// An open repository of heights or of colours. Cuts and queries made from it share what they need of
+// it, so that it may be closed before them.
 typedef struct kmb_repository kmb_repository;
 
 // How to open a repository.
@@ -268,9 +270,13 @@ typedef struct kmb_repository_info {
     const char *units;
     // Count of metadata entries.
     uint64_t metadata_count;
+    // Numbers of a sample: 1 for heights, 3 for colours (red, green, blue).
+    uint32_t bands;
+    // 0.
+    uint32_t reserved;
 } kmb_repository_info;
 
-// Opens the repository of heights at `path` (bytes as the system has them; UTF-8 on Windows) and
+// Opens the repository of heights or of colours at `path` (bytes as the system has them; UTF-8 on Windows) and
 // gives a handle, which kmb_repository_close frees. `options` may be NULL: a memory map.
 //
 // Reads the header, the tables and the roots; blocks are read, and their checksums checked, when
@@ -402,7 +408,8 @@ kmb_status kmb_height_at_crs(struct kmb_query *query,
 
 // Reads a rectangle of samples of one even level into an array that the caller owns: `height` rows
 // of `width` samples from the top, sample values and not physical heights, NaN where there is a
-// void. `capacity` is the count of doubles at `samples`, at least width * height. A level 2k has
+// void; of colours red, green and blue of each sample follow each other. `capacity` is the count of
+// doubles at `samples`, at least width * height, and three times that for colours. A level 2k has
 // every 2^(K - k)-th column and row of the raster, where 2K is the finest level; `column` and
 // `row` count those.
 //
@@ -706,6 +713,14 @@ typedef enum kmb_transform {
     KMB_TRANSFORM_TWO_STAGE = 2,
 } kmb_transform;
 
+// How coefficients become bytes.
+typedef enum kmb_entropy {
+    // In contexts, by tables that are trained on the raster.
+    KMB_ENTROPY_RANS = 0,
+    // A quadtree of Elias gamma codes: larger, and nothing is trained.
+    KMB_ENTROPY_GAMMA = 1,
+} kmb_entropy;
+
 // What is to be built: a raster's description, and how to code it.
 typedef struct kmb_builder kmb_builder;
 
@@ -728,15 +743,20 @@ typedef struct kmb_builder_options {
     uint32_t threads;
     // A kmb_transform.
     uint32_t transform;
-    // 0.
-    uint32_t reserved;
+    // A kmb_entropy.
+    uint32_t entropy;
     // For KMB_TRANSFORM_LIFTED: largest allowed root mean square difference, in sample units, or 0
     // for lossless. The largest difference that comes with it is in the report and in the file.
     double rms_error;
+    // Numbers of a sample: 0 or 1 for heights; 3 for colours (red, green, blue), which are of
+    // KMB_SAMPLE_U8 or KMB_SAMPLE_U16. Errors are then those of each of the three.
+    uint32_t bands;
+    // 0.
+    uint32_t reserved;
 } kmb_builder_options;
 
 // Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a
-// double each, NaN for a void, any other value a sample of the raster's type (it is rounded to a
+// double each (three for a colour: red, green, blue), NaN for a void (in all three), any other value a sample of the raster's type (it is rounded to a
 // float for KMB_SAMPLE_F32). Rows are asked for from the top, each once. Calls come one after the
 // other, from any thread. An answer other than 0 ends the build with KMB_INPUT. Nothing may unwind
 // out of it.
@@ -857,6 +877,258 @@ kmb_status kmb_builder_write(struct kmb_builder *builder,
                              void *progress_user,
                              const char *path,
                              struct kmb_build_report *report);
+
+/* ================================================================================================
+ * Rasters: samples to the bytes of a repository in memory, and back
+ * ================================================================================================ */
+
+// How a whole raster becomes bytes.
+typedef struct kmb_raster_options {
+    // sizeof(kmb_raster_options).
+    uint32_t struct_size;
+    // A kmb_sample_type, that of the samples in memory.
+    uint32_t sample_type;
+    // Samples a row; at least 2.
+    uint32_t width;
+    // Rows; at least 2.
+    uint32_t height;
+    // Largest allowed difference between a decoded sample and the one that was given, in sample units;
+    // 0 is lossless for integers. KMB_TRANSFORM_LIFTED takes only 0.
+    double max_error;
+    // For KMB_TRANSFORM_LIFTED: largest allowed root mean square difference, in sample units, or 0
+    // for lossless.
+    double rms_error;
+    // The sample value of a void, where has_nodata is 1. NaN is a void in any case.
+    double nodata;
+    // 1 where there is such a value, else 0.
+    uint32_t has_nodata;
+    // Cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
+    uint32_t cells;
+    // A kmb_transform.
+    uint32_t transform;
+    // A kmb_entropy.
+    uint32_t entropy;
+    // Threads to use, or 0 for one a core. The bytes do not depend on it.
+    uint32_t threads;
+    // 0.
+    uint32_t reserved;
+} kmb_raster_options;
+
+// What the bytes of a raster say of it. Errors and ranges are in sample units.
+typedef struct kmb_raster_info {
+    // sizeof(kmb_raster_info).
+    uint32_t struct_size;
+    // A kmb_sample_type.
+    uint32_t sample_type;
+    // Samples a row.
+    uint32_t width;
+    // Rows.
+    uint32_t height;
+    // Samples, valid and void.
+    uint64_t samples;
+    // Samples without data.
+    uint64_t void_samples;
+    // Bytes of one sample in memory.
+    uint32_t sample_bytes;
+    // 1 where the decoded samples equal those that were given, else 0.
+    uint32_t lossless;
+    // Largest difference between a decoded sample and the one that was given, as measured.
+    double max_error;
+    // The largest difference that was allowed.
+    double max_error_bound;
+    // Root of the mean square difference, as measured.
+    double rms_error;
+    // Least valid sample.
+    double sample_min;
+    // Greatest valid sample.
+    double sample_max;
+    // The sample value of a void, where has_nodata is 1; else 0.
+    double nodata;
+    // 1 where there is such a value, else 0.
+    uint32_t has_nodata;
+    // Cells along a side of a diamond.
+    uint32_t cells;
+    // A kmb_transform.
+    uint32_t transform;
+    // A kmb_entropy.
+    uint32_t entropy;
+} kmb_raster_info;
+
+// Gives the most bytes that kmb_codec_encode_raster can need for a raster with these options,
+// whatever its samples.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for errors that the transform cannot keep),
+// KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+kmb_status kmb_codec_raster_bound(const struct kmb_raster_options *options, size_t *size);
+
+// Turns a whole raster into bytes, those of a repository: in a file they can be opened by
+// kmb_repository_open. `samples` are options->height rows of options->width samples from the top,
+// without gaps, in the machine's own form of options->sample_type and aligned to it; a void is NaN
+// or the nodata value. `bytes` has room for `capacity` bytes; kmb_codec_raster_bound gives a capacity
+// that is always enough. `size` is the count of bytes written. All memory is the caller's, and none
+// of it is kept.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK; KMB_BUFFER_TOO_SMALL (`size` is the capacity that is needed, and nothing else is
+// written); KMB_INVALID_ARGUMENT (also for a maximum error too small for the samples);
+// KMB_INVALID_STRUCT_SIZE; KMB_INPUT (a sample is infinite); KMB_PANIC.
+kmb_status kmb_codec_encode_raster(const struct kmb_raster_options *options,
+                                   const void *samples,
+                                   uint8_t *bytes,
+                                   size_t capacity,
+                                   size_t *size);
+
+// Says what the bytes of a raster hold. The caller sets info->struct_size. Header and tables are
+// checked, not yet what is decoded from them.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_INPUT (the bytes are no
+// repository), KMB_DAMAGED, KMB_UNSUPPORTED_VERSION, KMB_PANIC.
+kmb_status kmb_codec_raster_describe(const uint8_t *bytes,
+                                     size_t size,
+                                     struct kmb_raster_info *info);
+
+// Turns bytes back into the raster: all rows from the top, without gaps, in the machine's own form
+// of the sample type that kmb_codec_raster_describe tells, and aligned to it. A void becomes the nodata
+// value, or NaN where there is none. `capacity` is the count of samples that `samples` has room for, at
+// least width * height. All memory is the caller's.
+//
+// Bytes from anywhere may be given: they are checked, or lead to other samples, and the memory
+// that is used is bounded by `size` and `capacity`. `samples` hold anything after a failure.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK; KMB_BUFFER_TOO_SMALL; KMB_INVALID_ARGUMENT (also where integers have voids and no
+// nodata value); KMB_INPUT (the bytes are no repository); KMB_DAMAGED; KMB_UNSUPPORTED_VERSION;
+// KMB_PANIC.
+kmb_status kmb_codec_decode_raster(const uint8_t *bytes,
+                                   size_t size,
+                                   void *samples,
+                                   size_t capacity);
+
+/* ================================================================================================
+ * Codecs: the heights of one diamond as bytes
+ * ================================================================================================ */
+
+// Codes diamonds: N^2 new heights, the centres of cells, in the knowledge of (N+1)^2 old ones, their
+// corners, the vertices.
+typedef struct kmb_codec kmb_codec;
+
+// How a codec codes diamonds. Heights are integers in units that the caller chooses.
+typedef struct kmb_codec_options {
+    // sizeof(kmb_codec_options).
+    uint32_t struct_size;
+    // N, the cells along a side of a diamond: 16, 32, 64 or 128; 0 for 64.
+    uint32_t cells;
+    // Least height.
+    int32_t minimum;
+    // Greatest height.
+    int32_t maximum;
+    // Largest allowed difference between a decoded centre and the one that was given; 0 for lossless.
+    // At most 2^30 - 1.
+    uint32_t max_error;
+    // A kmb_entropy.
+    uint32_t entropy;
+} kmb_codec_options;
+
+// Makes a codec of diamonds and gives a handle, which kmb_codec_destroy frees. With KMB_ENTROPY_RANS it codes
+// by a standard model, the same for ever in this version of the format, until it gets another one by
+// kmb_codec_train or kmb_codec_set_model. Both ends need the same options and the same model.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+kmb_status kmb_codec_create(const struct kmb_codec_options *options,
+                            struct kmb_codec **codec);
+
+// Frees a codec. NULL is allowed. No other call may use the handle at the same time, or afterwards.
+void kmb_codec_destroy(struct kmb_codec *codec);
+
+// Gives the most bytes that kmb_codec_encode_diamond can need, whatever the heights.
+//
+// May be called with the same codec from several threads at once.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+kmb_status kmb_codec_diamond_bound(const struct kmb_codec *codec, size_t *size);
+
+// Turns the centres of one diamond into bytes, by a prediction from its vertices and the transform
+// KMB_TRANSFORM_INTERPOLATING. `vertices` are (N+1)^2 heights, row by row, as the decoder will have
+// them; `centres` are N^2 heights, of which that at column i and row j lies amid vertices (i, j) and
+// (i + 1, j + 1). `vertex_valid` and `centre_valid` hold one byte for each, 0 for a void; NULL says that
+// there is none. A void vertex has a height all the same, any one, which predictions use: the same for
+// the decoder. That of a void centre means nothing. `bytes` has room for `capacity` bytes, and `size`
+// is the count of bytes written, which may be 0. All memory is the caller's, and none of it is kept.
+//
+// May be called with the same codec from several threads at once.
+//
+// Returns KMB_OK; KMB_BUFFER_TOO_SMALL (`size` is the capacity that is needed, and nothing else is
+// written); KMB_INVALID_ARGUMENT (also for a height outside the codec's range); KMB_PANIC.
+kmb_status kmb_codec_encode_diamond(const struct kmb_codec *codec,
+                                    const int32_t *vertices,
+                                    const uint8_t *vertex_valid,
+                                    const int32_t *centres,
+                                    const uint8_t *centre_valid,
+                                    uint8_t *bytes,
+                                    size_t capacity,
+                                    size_t *size);
+
+// Turns bytes back into the N^2 centres of a diamond, given its vertices as kmb_codec_encode_diamond
+// got them. `centres` has room for N^2 heights. `centre_valid` has room for N^2 bytes, 1 for each centre
+// that is valid and 0 for a void, whose height is then its own prediction; or NULL. All memory is the
+// caller's.
+//
+// Bytes from anywhere may be given: they are refused, or lead to other heights within the range.
+// `centres` and `centre_valid` are written only with KMB_OK.
+//
+// May be called with the same codec from several threads at once.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for a vertex outside the codec's range), KMB_DAMAGED,
+// KMB_PANIC.
+kmb_status kmb_codec_decode_diamond(const struct kmb_codec *codec,
+                                    const int32_t *vertices,
+                                    const uint8_t *vertex_valid,
+                                    const uint8_t *bytes,
+                                    size_t size,
+                                    int32_t *centres,
+                                    uint8_t *centre_valid);
+
+// Trains a model on `count` diamonds, which the codec uses from now on: fewer bytes for diamonds like
+// these. `vertices` and `centres` are those of kmb_codec_encode_diamond, one diamond after the other, all
+// valid. kmb_codec_model gives the model for a decoder.
+//
+// Exclusive: no other call may use the codec at the same time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for no diamond, for a height outside the codec's range, and
+// for KMB_ENTROPY_GAMMA), KMB_PANIC.
+kmb_status kmb_codec_train(struct kmb_codec *codec,
+                           size_t count,
+                           const int32_t *vertices,
+                           const int32_t *centres);
+
+// Gives the codec's trained model as bytes, for kmb_codec_set_model of a codec with the same options.
+// `bytes` has room for `capacity` bytes, and may be NULL where that is 0; `size` is the count of bytes
+// written.
+//
+// May be called with the same codec from several threads at once.
+//
+// Returns KMB_OK; KMB_BUFFER_TOO_SMALL (`size` is the capacity that is needed, and nothing else is
+// written); KMB_NOT_FOUND (nothing was trained or set); KMB_INVALID_ARGUMENT; KMB_PANIC.
+kmb_status kmb_codec_model(const struct kmb_codec *codec,
+                           uint8_t *bytes,
+                           size_t capacity,
+                           size_t *size);
+
+// Makes the codec use a trained model, which kmb_codec_model gave. The bytes are copied.
+//
+// Exclusive: no other call may use the codec at the same time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for KMB_ENTROPY_GAMMA), KMB_DAMAGED (the bytes are no
+// model), KMB_PANIC.
+kmb_status kmb_codec_set_model(struct kmb_codec *codec, const uint8_t *bytes, size_t size);
 #ifdef __cplusplus
 }
 #endif

@@ -8,6 +8,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "kimberlite.h"
 
@@ -59,6 +60,7 @@ struct Free {
     void operator()(kmb_query *query) const noexcept { kmb_query_destroy(query); }
     void operator()(kmb_cut *cut) const noexcept { kmb_cut_destroy(cut); }
     void operator()(kmb_builder *builder) const noexcept { kmb_builder_destroy(builder); }
+    void operator()(kmb_codec *codec) const noexcept { kmb_codec_destroy(codec); }
     void operator()(const kmb_patch *patch) const noexcept { kmb_patch_release(patch); }
 };
 }  // namespace detail
@@ -212,6 +214,50 @@ public:
 private:
     std::unique_ptr<kmb_builder, detail::Free> handle_;
 };
+
+// Diamonds as bytes; their sizes are those of the options' cells.
+class Codec {
+public:
+    explicit Codec(const kmb_codec_options &options) {
+        kmb_codec *handle = nullptr;
+        check(kmb_codec_create(&options, &handle));
+        handle_.reset(handle);
+    }
+
+    // For kmb_codec_train and kmb_codec_set_model.
+    kmb_codec *get() noexcept { return handle_.get(); }
+
+    std::vector<std::uint8_t> encode(const std::int32_t *vertices, const std::int32_t *centres,
+                                     const std::uint8_t *vertex_valid = nullptr,
+                                     const std::uint8_t *centre_valid = nullptr) const {
+        std::size_t size = 0;
+        check(kmb_codec_diamond_bound(handle_.get(), &size));
+        std::vector<std::uint8_t> bytes(size);
+        check(kmb_codec_encode_diamond(handle_.get(), vertices, vertex_valid, centres, centre_valid, bytes.data(),
+                                       bytes.size(), &size));
+        bytes.resize(size);
+        return bytes;
+    }
+
+    void decode(const std::int32_t *vertices, const std::vector<std::uint8_t> &bytes, std::int32_t *centres,
+                const std::uint8_t *vertex_valid = nullptr, std::uint8_t *centre_valid = nullptr) const {
+        check(kmb_codec_decode_diamond(handle_.get(), vertices, vertex_valid, bytes.data(), bytes.size(), centres,
+                                       centre_valid));
+    }
+
+private:
+    std::unique_ptr<kmb_codec, detail::Free> handle_;
+};
+
+// The bytes of a raster: options.height rows of options.width samples of options.sample_type.
+inline std::vector<std::uint8_t> encode_raster(const kmb_raster_options &options, const void *samples) {
+    std::size_t size = 0;
+    check(kmb_codec_raster_bound(&options, &size));
+    std::vector<std::uint8_t> bytes(size);
+    check(kmb_codec_encode_raster(&options, samples, bytes.data(), bytes.size(), &size));
+    bytes.resize(size);
+    return bytes;
+}
 
 }  // namespace kimberlite
 

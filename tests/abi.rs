@@ -5,12 +5,14 @@
 
 use std::mem::offset_of;
 
-use kimberlite::ffi::builder::{kmb_build_report, kmb_builder_options, kmb_transform};
+use kimberlite::ffi::builder::{kmb_build_report, kmb_builder_options, kmb_entropy, kmb_transform};
+use kimberlite::ffi::codec::kmb_codec_options;
 use kimberlite::ffi::cut::{
     kmb_budget, kmb_cut_options, kmb_grid_to_world, kmb_stats, kmb_vertex_form, kmb_view,
 };
 use kimberlite::ffi::patch::kmb_patch_info;
 use kimberlite::ffi::query::{KMB_UNLIMITED, kmb_height};
+use kimberlite::ffi::raster::{kmb_raster_info, kmb_raster_options};
 use kimberlite::ffi::repository::{
     kmb_access, kmb_kind, kmb_open_options, kmb_registration, kmb_repository_info, kmb_sample_type,
 };
@@ -64,6 +66,21 @@ fn structs_lie_as_c_programs_were_compiled() {
         kmb_build_report, 48, struct_size 0, reserved 4, samples 8, void_samples 16, bytes 24,
         max_error 32, rms_error 40
     );
+    layout!(
+        kmb_codec_options, 24, struct_size 0, cells 4, minimum 8, maximum 12, max_error 16,
+        entropy 20
+    );
+    layout!(
+        kmb_raster_options, 64, struct_size 0, sample_type 4, width 8, height 12, max_error 16,
+        rms_error 24, nodata 32, has_nodata 40, cells 44, transform 48, entropy 52, threads 56,
+        reserved 60
+    );
+    layout!(
+        kmb_raster_info, 104, struct_size 0, sample_type 4, width 8, height 12, samples 16,
+        void_samples 24, sample_bytes 32, lossless 36, max_error 40, max_error_bound 48, rms_error
+        56, sample_min 64, sample_max 72, nodata 80, has_nodata 88, cells 92, transform 96, entropy
+        100
+    );
 }
 
 macro_rules! numbers {
@@ -80,7 +97,8 @@ fn constants_are_those_that_c_programs_were_compiled_with() {
     numbers!(
         kmb_status, KMB_OK 0, KMB_INVALID_ARGUMENT 1, KMB_INVALID_STRUCT_SIZE 2, KMB_IO 3, KMB_INPUT
         4, KMB_DAMAGED 5, KMB_UNSUPPORTED_VERSION 6, KMB_CANCELLED 7, KMB_OUTSIDE 8,
-        KMB_BUDGET_TOO_SMALL 9, KMB_NOT_FOUND 10, KMB_PANIC 11
+        KMB_BUDGET_TOO_SMALL 9, KMB_NOT_FOUND 10, KMB_PANIC 11,
+        KMB_BUFFER_TOO_SMALL 12
     );
     numbers!(kmb_log_level, KMB_LOG_INFO 0, KMB_LOG_WARNING 1);
     numbers!(kmb_kind, KMB_KIND_HEIGHTS 0, KMB_KIND_COLOURS 1, KMB_KIND_CITY 2);
@@ -95,4 +113,5 @@ fn constants_are_those_that_c_programs_were_compiled_with() {
         kmb_transform, KMB_TRANSFORM_INTERPOLATING 0, KMB_TRANSFORM_LIFTED 1,
         KMB_TRANSFORM_TWO_STAGE 2
     );
+    numbers!(kmb_entropy, KMB_ENTROPY_RANS 0, KMB_ENTROPY_GAMMA 1);
 }

@@ -7,7 +7,7 @@ const CAVEATS: &str = include_str!("header.h.in");
 
 /// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function
 /// names.
-const SECTIONS: [(&str, &str, &[&str]); 6] = [
+const SECTIONS: [(&str, &str, &[&str]); 8] = [
     ("Version, errors, messages", "status", &["kmb_log_level"]),
     (
         "Repositories: opening, what is known of them, coordinates",
@@ -29,8 +29,14 @@ const SECTIONS: [(&str, &str, &[&str]); 6] = [
     (
         "Builders: from rows to repositories",
         "builder",
-        &["kmb_transform"],
+        &["kmb_transform", "kmb_entropy"],
     ),
+    (
+        "Rasters: samples to the bytes of a repository in memory, and back",
+        "raster",
+        &[],
+    ),
+    ("Codecs: the heights of one diamond as bytes", "codec", &[]),
 ];
 
 fn section(root: &Path, file: &str, types: &[&str]) -> String {

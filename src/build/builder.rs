@@ -13,7 +13,7 @@ use crate::codec::{
 };
 use crate::geo::RasterInfo;
 use crate::lattice::Lattice;
-use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, TransformKind, Writer};
+use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, Sink, TransformKind, Writer};
 use crate::transform::ListedHeights;
 use crate::{Error, Result};
 use std::path::Path;
@@ -122,15 +122,26 @@ pub fn build(
     output: &Path,
     progress: &mut dyn FnMut(u64, u64) -> bool,
 ) -> Result<BuildReport> {
-    let info = source.info().clone();
-    let lattice = Lattice::new(info.width, info.height, options.cells_log2)?;
-    options.check()?;
-    if let Some(model) = &options.tables {
-        let components = usize::from(info.bands);
-        check_model(model, lattice.levels(), options.transform, components)?;
-    }
+    check(source.info(), options)?;
     // First of all, so that an output that cannot be written is found before the input is read.
     let sink = Box::new(FileSink::create(output)?);
+    build_into(source, options, output, sink, progress)
+}
+
+/// As [`build`], into a sink; `output` only names it in errors.
+///
+/// # Errors
+///
+/// Those of [`build`], and of the sink.
+pub fn build_into(
+    source: &mut dyn RasterSource,
+    options: &BuildOptions,
+    output: &Path,
+    sink: Box<dyn Sink>,
+    progress: &mut dyn FnMut(u64, u64) -> bool,
+) -> Result<BuildReport> {
+    let info = source.info().clone();
+    let lattice = check(&info, options)?;
     // Each sample is read once, filtered once if at all, coded once, and measured once for each level's error.
     let samples = u64::from(info.width) * u64::from(info.height);
     let is_filtering = options.transform != TransformKind::Interpolating;
@@ -195,6 +206,17 @@ pub fn build(
         max_error,
         rms_error,
     })
+}
+
+/// The lattice of a raster, after a check of what can be checked before it is read.
+fn check(info: &RasterInfo, options: &BuildOptions) -> Result<Lattice> {
+    let lattice = Lattice::new(info.width, info.height, options.cells_log2)?;
+    options.check()?;
+    if let Some(model) = &options.tables {
+        let components = usize::from(info.bands);
+        check_model(model, lattice.levels(), options.transform, components)?;
+    }
+    Ok(lattice)
 }
 
 /// The header but for what only the finished build knows: errors, and the range of lifted heights.

@@ -1,5 +1,6 @@
 //! Floor 3: from a raster to a repository. Knows neither views nor the C boundary.
 
+mod bound;
 mod builder;
 mod coding;
 mod descent;
@@ -11,4 +12,5 @@ mod summaries;
 mod surface;
 mod workers;
 
-pub use builder::{BuildOptions, BuildReport, build};
+pub use bound::longest_repository;
+pub use builder::{BuildOptions, BuildReport, build, build_into};

@@ -95,6 +95,11 @@ impl BlockCodec {
         }
     }
 
+    /// Decodes what another model codes from now on.
+    pub fn set_model(&mut self, model: Model) {
+        self.model = Some(model);
+    }
+
     /// What blocks are decoded by.
     pub fn model(&self) -> Option<&Model> {
         self.model.as_ref()

@@ -138,11 +138,11 @@ impl Components {
         if let Some(listed) = listed {
             return vec![Quantiser::of_listed(listed)];
         }
-        let quantiser = |(component, transform): (usize, &Box<dyn Transform>)| {
-            let [low, high] = transform.range();
-            Quantiser::new(self.bound(component), low, high)
-        };
-        transforms.iter().enumerate().map(quantiser).collect()
+        let ranges = transforms.iter().map(|transform| transform.range());
+        ranges
+            .enumerate()
+            .map(|(component, [low, high])| Quantiser::new(self.bound(component), low, high))
+            .collect()
     }
 
     /// What codes the coefficients of each component in contexts, for diamonds of `cells` cells, with its

@@ -56,11 +56,15 @@ impl LevelModel {
         &self.matrices[matrix].weights
     }
 
-    /// The tables of all contexts, matrix after matrix.
+    /// The frequencies of all contexts, matrix after matrix.
+    pub fn frequencies(&self) -> impl Iterator<Item = &Frequencies> {
+        self.matrices.iter().flat_map(|matrix| &matrix.frequencies)
+    }
+
+    /// The same as tables.
     pub fn tables(&self) -> &Tables {
-        let frequencies = self.matrices.iter().flat_map(|matrix| &matrix.frequencies);
         self.tables
-            .get_or_init(|| Tables::new(&frequencies.collect::<Vec<_>>()))
+            .get_or_init(|| Tables::new(&self.frequencies().collect::<Vec<_>>()))
     }
 }
 

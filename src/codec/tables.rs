@@ -1,5 +1,6 @@
 //! From how often symbols came to the tables that they are coded by.
 
+use super::model::LevelModel;
 use super::symbols::Trace;
 use crate::entropy::frequency::{Counts, Frequencies};
 use crate::entropy::token::{SYMBOLS, split};
@@ -30,6 +31,12 @@ impl Census {
             let (symbol, ..) = split(coefficient);
             self.contexts[context][usize::from(symbol)] += 1;
         }
+    }
+
+    /// What the counted symbols cost by a model's tables, in 2^-16 bits; without what is raw.
+    pub fn cost(&self, model: &LevelModel) -> u64 {
+        let tables = model.frequencies().zip(&self.contexts);
+        tables.map(|(table, counts)| table.cost(counts)).sum()
     }
 
     /// Frequencies for each context of a matrix. Neighbours share them where that saves bytes.

@@ -28,8 +28,16 @@ impl Layer {
     /// Those of [`Store::open`]; [`Error::Version`] for kinds, transforms and coders that this version
     /// does not know; [`Error::Damaged`] where header and content contradict each other.
     pub fn open(path: &Path, access: Access) -> Result<Layer> {
-        let store = Store::open(path, access)?;
-        let header = store.header();
+        Layer::of_store(Store::open(path, access)?)
+    }
+
+    /// As [`open`](Layer::open), a repository that is only bytes; `name` stands for its path in errors.
+    pub fn of_bytes(name: &Path, bytes: Vec<u8>) -> Result<Layer> {
+        Layer::of_store(Store::of_bytes(name, bytes)?)
+    }
+
+    fn of_store(store: Store) -> Result<Layer> {
+        let (path, header) = (store.path(), store.header());
         require_known(path, header)?;
         let info = &header.raster;
         let damaged = |message: String| Error::damaged(path, message);

@@ -28,6 +28,11 @@ impl Terrain {
         Terrain::of(Arc::new(Layer::open(path, access)?))
     }
 
+    /// As [`open`](Terrain::open), a repository that is only bytes; `name` stands for its path in errors.
+    pub fn of_bytes(name: &Path, bytes: Vec<u8>) -> Result<Terrain> {
+        Terrain::of(Arc::new(Layer::of_bytes(name, bytes)?))
+    }
+
     /// The surface of a layer.
     ///
     /// # Errors

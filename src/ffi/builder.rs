@@ -154,10 +154,7 @@ pub unsafe extern "C" fn kmb_builder_create(
     boundary!({
         // SAFETY: the caller passes pointers as the header asks.
         let (options, out) = unsafe { (input_struct(options)?, output(builder, "builder")?) };
-        let number = options.sample_type;
-        let sample_type = u8::try_from(number).ok().and_then(SampleType::from_number);
-        let sample_type = sample_type
-            .ok_or_else(|| Failure::argument(format!("sample type {number} is unknown")))?;
+        let sample_type = sample_type(options.sample_type)?;
         let made = kmb_builder {
             broken: AtomicBool::new(false),
             raster: RasterInfo {
@@ -180,7 +177,12 @@ pub unsafe extern "C" fn kmb_builder_create(
     })
 }
 
-fn cells_log2(cells: u32) -> std::result::Result<u32, Failure> {
+pub(super) fn sample_type(number: u32) -> std::result::Result<SampleType, Failure> {
+    let known = u8::try_from(number).ok().and_then(SampleType::from_number);
+    known.ok_or_else(|| Failure::argument(format!("sample type {number} is unknown")))
+}
+
+pub(super) fn cells_log2(cells: u32) -> std::result::Result<u32, Failure> {
     match cells {
         0 => Ok(6),
         16 | 32 | 64 | 128 => Ok(cells.ilog2()),
@@ -204,7 +206,15 @@ fn bands(number: u32, sample_type: SampleType) -> std::result::Result<u8, Failur
     }
 }
 
-fn entropy_kind(number: u32) -> std::result::Result<EntropyKind, Failure> {
+/// The number of an entropy coder at the boundary, which is not that of the file.
+pub(super) fn entropy_number(kind: EntropyKind) -> kmb_entropy {
+    match kind {
+        EntropyKind::Rans => kmb_entropy::KMB_ENTROPY_RANS,
+        EntropyKind::Gamma => kmb_entropy::KMB_ENTROPY_GAMMA,
+    }
+}
+
+pub(super) fn entropy_kind(number: u32) -> std::result::Result<EntropyKind, Failure> {
     match number {
         n if n == kmb_entropy::KMB_ENTROPY_RANS as u32 => Ok(EntropyKind::Rans),
         n if n == kmb_entropy::KMB_ENTROPY_GAMMA as u32 => Ok(EntropyKind::Gamma),
@@ -214,7 +224,7 @@ fn entropy_kind(number: u32) -> std::result::Result<EntropyKind, Failure> {
     }
 }
 
-fn transform_kind(number: u32) -> std::result::Result<TransformKind, Failure> {
+pub(super) fn transform_kind(number: u32) -> std::result::Result<TransformKind, Failure> {
     let kind = u8::try_from(number)
         .ok()
         .and_then(|number| TransformKind::try_from(number).ok());

@@ -12,6 +12,8 @@
 //! | `patch.rs` | patches of a cut |
 //! | `query.rs` | heights and windows of samples, without any view |
 //! | `builder.rs` | building repositories from rows |
+//! | `raster.rs` | whole rasters as bytes in memory |
+//! | `codec.rs` | one diamond as bytes |
 
 // The safety contract of every function is that of a C library; the header's first section states
 // it once.
@@ -20,8 +22,10 @@
 
 mod boundary;
 pub mod builder;
+pub mod codec;
 pub mod cut;
 pub mod patch;
 pub mod query;
+pub mod raster;
 pub mod repository;
 pub mod status;

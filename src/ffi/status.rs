@@ -40,6 +40,8 @@ pub enum kmb_status {
     KMB_NOT_FOUND = 10,
     /// An internal error was caught. The handle answers nothing else from now on; destroy it.
     KMB_PANIC = 11,
+    /// The caller's memory does not hold the result.
+    KMB_BUFFER_TOO_SMALL = 12,
 }
 
 /// How much a message matters.
@@ -58,7 +60,7 @@ pub enum kmb_log_level {
 pub type kmb_log_callback =
     Option<unsafe extern "C" fn(user: *mut c_void, level: u32, message: *const c_char)>;
 
-const NAMES: [&CStr; 12] = [
+const NAMES: [&CStr; 13] = [
     c"KMB_OK",
     c"KMB_INVALID_ARGUMENT",
     c"KMB_INVALID_STRUCT_SIZE",
@@ -71,6 +73,7 @@ const NAMES: [&CStr; 12] = [
     c"KMB_BUDGET_TOO_SMALL",
     c"KMB_NOT_FOUND",
     c"KMB_PANIC",
+    c"KMB_BUFFER_TOO_SMALL",
 ];
 
 thread_local! {

@@ -4,4 +4,4 @@ mod frame;
 mod raster;
 
 pub use frame::Frame;
-pub use raster::{RasterInfo, Registration, SampleType};
+pub use raster::{RasterInfo, Registration, Sample, SampleType};

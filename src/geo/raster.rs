@@ -92,6 +92,36 @@ impl SampleType {
     }
 }
 
+/// A number that a raster's samples may be stored as.
+pub trait Sample: Copy + Sync {
+    /// Its type.
+    const TYPE: SampleType;
+
+    /// Its value; exact.
+    fn value(self) -> f64;
+
+    /// The sample nearest to a value; 0 for NaN where the type has none.
+    fn nearest(value: f64) -> Self;
+}
+
+macro_rules! samples {
+    ($($number:ident $type:ident),+) => {
+        $(impl Sample for $number {
+            const TYPE: SampleType = SampleType::$type;
+
+            fn value(self) -> f64 {
+                f64::from(self)
+            }
+
+            fn nearest(value: f64) -> $number {
+                value as $number
+            }
+        })+
+    };
+}
+
+samples!(u8 U8, i8 I8, u16 U16, i16 I16, u32 U32, i32 I32, f32 F32, f64 F64);
+
 /// Whether a sample stands for a point or for the cell around it. It only moves the geotransform by
 /// half a sample; the lattice treats both alike.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]

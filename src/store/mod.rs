@@ -9,6 +9,7 @@
 //! | `fields.rs` | little-endian fields of untrusted bytes |
 //! | `bytes.rs` | a file that is read by ranges: the trait, and opening |
 //! | `map.rs`, `positioned.rs` | its two implementations |
+//! | `memory.rs` | a repository that is only bytes, to read and to write |
 //! | `reader.rs` | the reader |
 //! | `verify.rs` | the check of a whole repository |
 //! | `sink.rs` | a file that comes under its name only when it is whole |
@@ -19,6 +20,7 @@ mod fields;
 mod header;
 mod index;
 mod map;
+mod memory;
 mod metadata;
 mod positioned;
 mod reader;
@@ -32,7 +34,8 @@ pub use header::{
     TransformKind, WRITE_VERSION,
 };
 pub use index::{BLOCKS_PER_GROUP, BLOCKS_PER_PAGE, Record};
+pub use memory::MemorySink;
 pub use reader::Store;
 pub use sink::{FileSink, Sink};
 pub use verify::{Damage, DamagedPart, Verification};
-pub use writer::Writer;
+pub use writer::{Writer, file_length};

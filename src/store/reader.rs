@@ -10,6 +10,7 @@ use super::header::{
     self, HEADER_LENGTH, Header, Layout, PREFIX_LENGTH, Prefix, READ_VERSION, Section,
 };
 use super::index::{self, BLOCKS_PER_GROUP, BLOCKS_PER_PAGE, GROUPS_PER_PAGE, Page, Record};
+use super::memory::Memory;
 use super::metadata;
 use crate::{Error, Result};
 
@@ -41,7 +42,15 @@ impl Store {
     /// [`Error::Input`] for a file that is no repository, [`Error::Version`] for one that a later
     /// version wrote in a way that this one cannot read, [`Error::Damaged`] otherwise.
     pub fn open(path: &Path, access: Access) -> Result<Store> {
-        let bytes = bytes::open(path, access)?;
+        Store::read(path, bytes::open(path, access)?)
+    }
+
+    /// As [`open`](Store::open), a repository that is only bytes; `name` stands for its path in errors.
+    pub fn of_bytes(name: &Path, bytes: Vec<u8>) -> Result<Store> {
+        Store::read(name, Box::new(Memory(bytes)))
+    }
+
+    fn read(path: &Path, bytes: Box<dyn Bytes>) -> Result<Store> {
         let (mut header, layout) = read_header(path, bytes.as_ref())?;
         let section = |name: &str, section: Section, checksum: u32| -> Result<Vec<u8>> {
             let mut scratch = Vec::new();

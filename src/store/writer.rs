@@ -197,6 +197,14 @@ impl Writer {
     }
 }
 
+/// Bytes of a file without metadata, with sections of these lengths and this count of blocks.
+pub fn file_length(roots: u64, tables: u64, block_count: u64, blocks: u64) -> u64 {
+    let index = index::section_length(block_count).unwrap_or(u64::MAX);
+    [roots, tables, index, blocks]
+        .into_iter()
+        .fold(HEADER_LENGTH as u64, u64::saturating_add)
+}
+
 /// A sink with a buffer before it.
 struct Output {
     path: PathBuf,

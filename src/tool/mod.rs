@@ -8,6 +8,7 @@ mod extract;
 mod flight;
 mod fly;
 mod memory;
+mod packed;
 mod random;
 pub mod raster_file;
 mod verify;
@@ -17,6 +18,7 @@ pub use cracks::count_cracks;
 pub use extract::{Extract, Extracted, extract};
 pub use fly::{Flight, FlightReport, fly};
 pub use memory::peak_memory_bytes;
+pub use packed::{open_packed, pack, unpack};
 pub use verify::{Comparison, DamagedBlocks, Verdict, verify};
 
 /// Told how much is done, and of how much; false cancels.

@@ -1,4 +1,5 @@
 //! The trained codec: symbols in contexts, prediction, and what vectors must not change.
 
 mod rans;
+mod standalone;
 mod vectors;

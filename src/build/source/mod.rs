@@ -7,6 +7,7 @@ pub(crate) mod geokeys;
 mod geotiff;
 mod header_pair;
 mod hgt;
+mod in_memory;
 mod jpeg;
 mod mosaic;
 mod options;
@@ -22,6 +23,7 @@ use crate::{Error, Result};
 use samples::not_colours;
 
 pub use flat::parse_raw_shape;
+pub use in_memory::InMemory;
 pub use mosaic::Mosaic;
 pub use options::SourceOptions;
 pub use resample::{MOST_TEXELS, Resampled, texels_per_sample};
