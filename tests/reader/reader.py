@@ -382,6 +382,7 @@ class Surroundings:
         self.companion = [0, 0, *map(abs, self.residuals(coefficients, step)), 0, 0]
 
     def complete_coefficients(self, coefficients, step):
+        self.above = [0] * self.cells
         self.push(self.residuals(coefficients, step))
 
     def push(self, missed):
