@@ -396,8 +396,8 @@ def trained_centres(cells, quantiser, group, vertices, coded, block):
     for j in range(cells):
         looks = [surroundings.look(i, j) for i in range(cells)]
         row = [0] * cells
-        for i, (context, _, _) in enumerate(looks if symbols else ()):
-            row[i] = symbols.next(group[3][context]) if coded[i, j] else symbols.skip()
+        for i, look in enumerate(looks if symbols else ()):
+            row[i] = symbols.next(group[3][look[0]]) if coded[i, j] else symbols.skip()
         heights = [quantiser.reconstruct(k, look[1]) for k, look in zip(row, looks)]
         centres.update(((i, j), height) for i, height in enumerate(heights))
         surroundings.complete(heights, [look[2] for look in looks])
