@@ -10,6 +10,7 @@ use super::model::{LevelModel, MatrixModel, Model};
 use crate::entropy::frequency::{Counts, Frequencies, PRECISION};
 use crate::entropy::token::{ESCAPE, SYMBOLS, join, raw_bits};
 use crate::transform::adaptive::{ACTIVITIES, CLASSES, CONTEXTS, FEATURES, Weights};
+use std::sync::OnceLock;
 
 /// Weights of prediction, in 2^-10.
 const PREDICTION: [i16; FEATURES] = [
@@ -96,13 +97,31 @@ const LAST: Mixture = &[
     (0.1, 256.0),
 ];
 
-/// Frequencies of a context, rounded from sums and products that every machine does alike.
+/// Frequencies of a context.
 fn frequencies(context: usize, window: u32, correction: u32) -> Frequencies {
-    let quarters = context as i32 + WINDOW_QUARTERS * window as i32 - BELOW_ONE;
-    let middle = 2 * (correction as i32 - (CORRECTIONS / 2) as i32);
+    /// Those of the mixtures, by quarter octave: the same few serve many contexts, and every codec.
+    static TABLES: [OnceLock<Vec<Frequencies>>; 2] = [OnceLock::new(), OnceLock::new()];
+    let is_last = context + 1 == CONTEXTS;
+    let mixture = if is_last { LAST } else { INNER };
+    let all = TABLES[usize::from(is_last)].get_or_init(|| {
+        let quarters = 0..(CONTEXTS as i32 + WINDOW_QUARTERS * WINDOWS as i32);
+        quarters
+            .map(|quarters| mixed(quarters - BELOW_ONE - WIDEST, mixture))
+            .collect()
+    });
+    let middle = 2 * correction as i32 - WIDEST;
+    let quarters = context as i32 + WINDOW_QUARTERS * window as i32 + middle + WIDEST;
+    all[quarters as usize].clone()
+}
+
+/// Quarter octaves of the greatest correction.
+const WIDEST: i32 = 2 * (CORRECTIONS / 2) as i32;
+
+/// Frequencies of coefficients whose mean size lies in a quarter octave, rounded from sums and products that
+/// every machine does alike.
+fn mixed(quarters: i32, mixture: Mixture) -> Frequencies {
     // The middle of a quarter octave is half of one above its lower end.
-    let mean = octaves(quarters + middle) * 1.090_507_732_665_257_7;
-    let mixture = if context + 1 < CONTEXTS { INNER } else { LAST };
+    let mean = octaves(quarters) * 1.090_507_732_665_257_7;
     let beyond = |size: f64| {
         let parts = mixture.iter();
         parts.fold(0.0, |sum, (share, width)| {
