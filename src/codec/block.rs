@@ -305,10 +305,10 @@ impl BlockCodec {
                     let (valid, codable) = (vertices.valid.as_deref(), outline.codable.as_deref());
                     let mask = mask::encode(self.cells, valid, codable, voids);
                     // A mask may be coded in no byte at all; 0 says that there is none.
-                    write_length(mask.len() + 1, &mut bytes);
+                    mask::write_length(mask.len() + 1, &mut bytes);
                     bytes.extend(mask);
                 }
-                _ => write_length(0, &mut bytes),
+                _ => mask::write_length(0, &mut bytes),
             }
         }
         bytes
@@ -470,7 +470,7 @@ impl BlockCodec {
         if !self.has_voids {
             return Ok((None, block));
         }
-        let (length, rest) = read_length(block).ok_or(BlockError::Mask)?;
+        let (length, rest) = mask::read_length(block).ok_or(BlockError::Mask)?;
         if length == 0 {
             return Ok((None, rest));
         }
@@ -597,25 +597,4 @@ fn validity<'a>(
         centres: coded_centres.as_deref(),
         absent: outline.absent,
     }
-}
-
-/// Seven bits a byte, low ones first; the high bit says that another byte follows.
-fn write_length(mut length: usize, bytes: &mut Vec<u8>) {
-    while length >= 128 {
-        bytes.push(length as u8 | 128);
-        length >>= 7;
-    }
-    bytes.push(length as u8);
-}
-
-/// A length of at most three bytes, and what follows it.
-fn read_length(bytes: &[u8]) -> Option<(usize, &[u8])> {
-    let mut length = 0;
-    for (index, &byte) in bytes.iter().take(3).enumerate() {
-        length |= usize::from(byte & 127) << (7 * index);
-        if byte & 128 == 0 {
-            return Some((length, &bytes[index + 1..]));
-        }
-    }
-    None
 }

@@ -57,3 +57,24 @@ pub(super) fn decode(
     }
     voids
 }
+
+/// Seven bits a byte, low ones first; the high bit says that another byte follows.
+pub(super) fn write_length(mut length: usize, bytes: &mut Vec<u8>) {
+    while length >= 128 {
+        bytes.push(length as u8 | 128);
+        length >>= 7;
+    }
+    bytes.push(length as u8);
+}
+
+/// A length of at most three bytes, and what follows it.
+pub(super) fn read_length(bytes: &[u8]) -> Option<(usize, &[u8])> {
+    let mut length = 0;
+    for (index, &byte) in bytes.iter().take(3).enumerate() {
+        length |= usize::from(byte & 127) << (7 * index);
+        if byte & 128 == 0 {
+            return Some((length, &bytes[index + 1..]));
+        }
+    }
+    None
+}

@@ -8,6 +8,7 @@
 //! Heights are taken relative to the middle of the diamond's vertices and shifted down until they fit
 //! a [`Word`]; with words of 16 bits the shift is 0 unless a diamond spans more than 16382 units.
 
+pub use super::sight::Sight;
 use crate::vectors::widened;
 
 /// Numbers that a prediction is a weighted sum of.
@@ -163,44 +164,9 @@ pub(super) struct Kernels<T> {
     pub complete: fn(&mut Neighbourhood<T>, &[i32]),
 }
 
-/// What is known of a centre before it is coded; all heights in quarters of a shifted unit.
-#[derive(Clone, Copy, Debug)]
-pub struct Sight {
-    /// Prediction by order 2: the sum of the 4 nearest vertices.
-    pub order_two: i32,
-    /// How much higher the prediction by order 4 is.
-    pub order_four: i32,
-    /// Differences from the prediction by order 2, whose weighted sum corrects it.
-    pub features: [i32; FEATURES],
-    /// Signs of roughness, none negative.
-    pub activities: [i32; ACTIVITIES],
-}
-
-impl Sight {
-    /// How far off a prediction may be, by these weights.
-    #[inline(always)]
-    fn activity<T: Word>(&self, weights: &Weights) -> i32 {
-        let parts = self.activities.iter().zip(weights.activity.as_flattened());
-        let activity = parts.fold(0, |sum, (&part, &weight)| {
-            sum + i64::from(part) * i64::from(weight)
-        });
-        T::wrap(activity).clamp(0, i64::from(i32::MAX)) as i32
-    }
-
-    /// How much higher than by order 2 the prediction of a class is, in quarters times 2^10.
-    #[inline(always)]
-    fn correction(&self, weights: &Weights, class: usize) -> i64 {
-        let features = self.features.chunks_exact(2).zip(&weights.prediction);
-        features.fold(0, |total, (pair, weights)| {
-            let [one, other] = weights[class].map(i64::from);
-            total + i64::from(pair[0]) * one + i64::from(pair[1]) * other
-        })
-    }
-}
-
 /// To what a word keeps.
 #[inline(always)]
-fn saturate<T: Word>(value: i32) -> i32 {
+pub(super) fn saturate<T: Word>(value: i32) -> i32 {
     value.clamp(-T::LIMIT - 1, T::LIMIT)
 }
 
@@ -299,111 +265,6 @@ impl<T: Word> Neighbourhood<T> {
         self.vertices.copy_within(stride..2 * stride, 0);
         self.vertices
             .copy_within(side * stride..(side + 1) * stride, (side + 1) * stride);
-    }
-
-    #[inline(always)]
-    fn look(&self, i: usize) -> Sight {
-        let sat = saturate::<T>;
-        let rows: [&[T]; 4] = std::array::from_fn(|j| {
-            let start = (self.row + j) * self.stride + i;
-            &self.vertices[start..start + 4]
-        });
-        let at = |j: usize, i: usize| rows[j][i].wide();
-        let (a, b, d, e) = (at(1, 1), at(1, 2), at(2, 1), at(2, 2));
-        let order_two = a + b + d + e;
-        let beside = sat(at(1, 0) + at(2, 0) + at(1, 3) + at(2, 3) - order_two);
-        let above_below = sat(at(0, 1) + at(0, 2) + at(3, 1) + at(3, 2) - order_two);
-        let corners = sat(at(0, 0) + at(0, 3) + at(3, 0) + at(3, 3) - order_two);
-        let diagonal = (a + e) - (b + d);
-        let outer_diagonal = sat((at(0, 0) + at(3, 3)) - (at(0, 3) + at(3, 0)));
-        let ring = sat(beside + above_below);
-        let order_four = -(ring >> 3);
-        let (low, high) = (a.min(b).min(d.min(e)), a.max(b).max(d.max(e)));
-        let lowest = sat(4 * low - order_two);
-        let highest = sat(4 * high - order_two);
-        let (slope_a, slope_b) = ((a - e).abs(), (b - d).abs());
-        let steadier = diagonal * (slope_b - slope_a).signum();
-        let middle = sat(order_two - 2 * (low + high));
-        let median = order_four.clamp(-diagonal.abs(), diagonal.abs());
-        let held = order_four.clamp(lowest, highest);
-        let [before, before_that] = &self.surprises;
-        let missed = |back: i32| before[(i + ROW_RIM).wrapping_add_signed(back as isize)].wide();
-        let missed_twice =
-            |back: i32| before_that[(i + ROW_RIM).wrapping_add_signed(back as isize)].wide();
-        let (step, followed) = if self.row == 0 {
-            (0, 0)
-        } else {
-            let centre = sat(4 * self.above[i + ROW_RIM].wide() - order_two);
-            let one = sat(4 * a.min(b).max(d.min(e)) - order_two);
-            let other = sat(4 * a.max(b).min(d.max(e)) - order_two);
-            (
-                centre.clamp(one.min(other), one.max(other)),
-                centre.clamp(lowest, highest),
-            )
-        };
-        let features = [
-            beside,
-            above_below,
-            corners,
-            diagonal,
-            outer_diagonal,
-            missed(-1),
-            missed(0),
-            missed(1),
-            missed_twice(0),
-            middle,
-            steadier,
-            median,
-            held,
-            step,
-            followed,
-            sat(missed(-2) + missed(2)),
-        ];
-        let size = |value: i32| value.abs().min(T::LIMIT);
-        let sum = |terms: &[i32]| terms.iter().fold(0, |sum: i32, &term| sat(sum + term));
-        let rises = sum(&[
-            (a - at(1, 0)).abs(),
-            (d - at(2, 0)).abs(),
-            (b - at(1, 3)).abs(),
-            (e - at(2, 3)).abs(),
-            (a - at(0, 1)).abs(),
-            (b - at(0, 2)).abs(),
-            (d - at(3, 1)).abs(),
-            (e - at(3, 2)).abs(),
-        ]);
-        let bends = sum(&[
-            size((at(1, 0) + at(1, 3)) - (a + b)),
-            size((at(2, 0) + at(2, 3)) - (d + e)),
-            size((at(0, 1) + at(3, 1)) - (a + d)),
-            size((at(0, 2) + at(3, 2)) - (b + e)),
-        ]);
-        let companion = |side: usize| self.companion[i + side].wide();
-        let activities = [
-            slope_a,
-            slope_b,
-            diagonal.abs(),
-            size(ring),
-            rises,
-            bends,
-            size(missed(0)),
-            sum(&[size(missed(-1)), size(missed(1))]),
-            sum(&[
-                size(missed_twice(0)),
-                size(missed_twice(-1)),
-                size(missed_twice(1)),
-                size(missed(-2)),
-                size(missed(2)),
-            ]),
-            companion(ROW_RIM),
-            sum(&[companion(ROW_RIM - 1), companion(ROW_RIM + 1)]),
-            UNIT_ACTIVITY,
-        ];
-        Sight {
-            order_two,
-            order_four,
-            features,
-            activities,
-        }
     }
 }
 

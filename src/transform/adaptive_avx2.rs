@@ -2,7 +2,8 @@
 //! functions, whose names and order these follow.
 
 use super::adaptive::{
-    Aim, Kernels, Neighbourhood, Outlook, ROW_RIM, UNIT_ACTIVITY, WEIGHT_BITS, Weights, Word,
+    ACTIVITIES, Aim, FEATURES, Kernels, Neighbourhood, Outlook, ROW_RIM, UNIT_ACTIVITY,
+    WEIGHT_BITS, Weights, Word,
 };
 use std::arch::x86_64::*;
 
@@ -93,10 +94,178 @@ unsafe fn foresee(
     }
 }
 
-/// Features and activities of sixteen centres, those of `Neighbourhood::look`.
+/// The 4 x 4 vertices around sixteen centres, by row and column, and what several numbers have in common.
+struct Around {
+    vertices: [[__m256i; 4]; 4],
+    order_two: __m256i,
+    order_four: __m256i,
+    beside: __m256i,
+    above_below: __m256i,
+    ring: __m256i,
+    diagonal: __m256i,
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn add(a: __m256i, b: __m256i) -> __m256i {
+    _mm256_add_epi16(a, b)
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn less(a: __m256i, b: __m256i) -> __m256i {
+    _mm256_subs_epi16(a, b)
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn min(a: __m256i, b: __m256i) -> __m256i {
+    _mm256_min_epi16(a, b)
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn max(a: __m256i, b: __m256i) -> __m256i {
+    _mm256_max_epi16(a, b)
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn four_times(a: __m256i) -> __m256i {
+    _mm256_slli_epi16::<2>(a)
+}
+
+/// # Safety
+/// `start` and fifteen more are centres of the row at hand.
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn around(own: &Neighbourhood<i16>, start: usize) -> Around {
+    let row = |j: usize| {
+        let first = (own.row + j) * own.stride + start;
+        // SAFETY: three rows of vertices after the row at hand and three columns after the centres are there,
+        // and the slack.
+        std::array::from_fn(|column| unsafe { load(&own.vertices, first + column) })
+    };
+    let vertices: [[__m256i; 4]; 4] = [row(0), row(1), row(2), row(3)];
+    let [[_, p, q, _], [r, a, b, s], [t, d, e, u], [_, v, w, _]] = vertices;
+    let order_two = add(add(a, b), add(d, e));
+    let beside = less(add(add(r, t), add(s, u)), order_two);
+    let above_below = less(add(add(p, q), add(v, w)), order_two);
+    let ring = _mm256_adds_epi16(beside, above_below);
+    Around {
+        vertices,
+        order_two,
+        order_four: less(_mm256_setzero_si256(), _mm256_srai_epi16::<3>(ring)),
+        beside,
+        above_below,
+        ring,
+        diagonal: less(add(a, e), add(b, d)),
+    }
+}
+
+/// Of the rows before, by how much centres missed order 4: `[0][n]` of the last row n - 2 columns on.
+type Missed = [[__m256i; 5]; 2];
+
+/// # Safety
+/// As [`around`].
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn features(
+    own: &Neighbourhood<i16>,
+    around: &Around,
+    [missed, twice]: &Missed,
+    start: usize,
+) -> [[__m256i; 2]; FEATURES / 2] {
+    let zero = _mm256_setzero_si256();
+    let [[c1, _, _, c2], [_, a, b, _], [_, d, e, _], [c3, _, _, c4]] = around.vertices;
+    let (order_two, order_four, diagonal) = (around.order_two, around.order_four, around.diagonal);
+    let (low, high) = (min(min(a, b), min(d, e)), max(max(a, b), max(d, e)));
+    let lowest = less(four_times(low), order_two);
+    let highest = less(four_times(high), order_two);
+    let (step, followed) = if own.row == 0 {
+        (zero, zero)
+    } else {
+        // SAFETY: rows have a rim of two on either side and the slack.
+        let above = unsafe { load(&own.above, start + ROW_RIM) };
+        let centre = less(four_times(above), order_two);
+        let one = less(four_times(max(min(a, b), min(d, e))), order_two);
+        let other = less(four_times(min(max(a, b), max(d, e))), order_two);
+        let step = clamp(centre, min(one, other), max(one, other));
+        (step, clamp(centre, lowest, highest))
+    };
+    let corners = less(add(add(c1, c2), add(c3, c4)), order_two);
+    let outer_diagonal = less(add(c1, c4), add(c2, c3));
+    let steepness = _mm256_abs_epi16(diagonal);
+    let slopes = [less(a, e), less(b, d)].map(|slope| _mm256_abs_epi16(slope));
+    let steadier = _mm256_sign_epi16(diagonal, less(slopes[1], slopes[0]));
+    let middle = less(order_two, _mm256_slli_epi16::<1>(add(low, high)));
+    let median = clamp(order_four, less(zero, steepness), steepness);
+    let held = clamp(order_four, lowest, highest);
+    [
+        [around.beside, around.above_below],
+        [corners, diagonal],
+        [outer_diagonal, missed[1]],
+        [missed[2], missed[3]],
+        [twice[2], middle],
+        [steadier, median],
+        [held, step],
+        [followed, _mm256_adds_epi16(missed[0], missed[4])],
+    ]
+}
+
+/// # Safety
+/// As [`around`].
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn activities(
+    own: &Neighbourhood<i16>,
+    around: &Around,
+    [missed, twice]: &Missed,
+    start: usize,
+) -> [[__m256i; 2]; ACTIVITIES / 2] {
+    let [[_, p, q, _], [r, a, b, s], [t, d, e, u], [_, v, w, _]] = around.vertices;
+    let rise = |a, b| _mm256_abs_epi16(less(a, b));
+    let rises = sum([
+        rise(a, r),
+        rise(d, t),
+        rise(b, s),
+        rise(e, u),
+        rise(a, p),
+        rise(b, q),
+        rise(d, v),
+        rise(e, w),
+    ]);
+    let bends = sum([
+        size(less(add(r, s), add(a, b))),
+        size(less(add(t, u), add(d, e))),
+        size(less(add(p, v), add(a, d))),
+        size(less(add(q, w), add(b, e))),
+    ]);
+    let sizes = missed.map(|missed| size(missed));
+    let far = sum([
+        size(twice[2]),
+        size(twice[1]),
+        size(twice[3]),
+        sizes[0],
+        sizes[4],
+    ]);
+    // SAFETY: rows have a rim of two on either side and the slack.
+    let companion = |side: usize| unsafe { load(&own.companion, start + side) };
+    let companions = _mm256_adds_epi16(companion(ROW_RIM - 1), companion(ROW_RIM + 1));
+    [
+        [rise(a, e), rise(b, d)],
+        [_mm256_abs_epi16(around.diagonal), size(around.ring)],
+        [rises, bends],
+        [sizes[2], _mm256_adds_epi16(sizes[1], sizes[3])],
+        [far, companion(ROW_RIM)],
+        [companions, _mm256_set1_epi16(UNIT_ACTIVITY as i16)],
+    ]
+}
+
+/// Foresees sixteen centres.
 ///
 /// # Safety
-/// As [`foresee`]; `start` and fifteen more are centres of the row.
+/// As [`foresee`]; `start` and fifteen more are centres of the row at hand.
 #[inline]
 #[target_feature(enable = "avx2")]
 unsafe fn foresee_vector(
@@ -106,133 +275,40 @@ unsafe fn foresee_vector(
     outlook: &mut Outlook,
     start: usize,
 ) {
-    let zero = _mm256_setzero_si256();
-    let at = |j: usize, i: usize| {
-        // SAFETY: three rows after the last one foreseen and as many columns are there, and the slack.
-        unsafe { load(&own.vertices, (own.row + j) * own.stride + start + i) }
+    // SAFETY: the caller's; rows have a rim of two on either side and the slack.
+    let (around, features, activities) = unsafe {
+        let around = around(own, start);
+        let [before, before_that] = &own.surprises;
+        let missed = [
+            std::array::from_fn(|back| load(before, start + back)),
+            std::array::from_fn(|back| load(before_that, start + back)),
+        ];
+        let features = features(own, &around, &missed, start);
+        let activities = activities(own, &around, &missed, start);
+        (around, features, activities)
     };
-    let add = |a, b| _mm256_add_epi16(a, b);
-    let less = |a, b| _mm256_subs_epi16(a, b);
-    let min = |a, b| _mm256_min_epi16(a, b);
-    let max = |a, b| _mm256_max_epi16(a, b);
-    let four = |a| _mm256_slli_epi16::<2>(a);
-    let (a, b, d, e) = (at(1, 1), at(1, 2), at(2, 1), at(2, 2));
-    let (left, lower_left, right, lower_right) = (at(1, 0), at(2, 0), at(1, 3), at(2, 3));
-    let (upper, upper_right, under, under_right) = (at(0, 1), at(0, 2), at(3, 1), at(3, 2));
-    let (c00, c03, c30, c33) = (at(0, 0), at(0, 3), at(3, 0), at(3, 3));
-    let order_two = add(add(a, b), add(d, e));
-    let beside = less(
-        add(add(left, lower_left), add(right, lower_right)),
-        order_two,
-    );
-    let over = less(
-        add(add(upper, upper_right), add(under, under_right)),
-        order_two,
-    );
-    let corners = less(add(add(c00, c03), add(c30, c33)), order_two);
-    let diagonal = less(add(a, e), add(b, d));
-    let outer_diagonal = less(add(c00, c33), add(c03, c30));
-    let ring = _mm256_adds_epi16(beside, over);
-    let order_four = less(zero, _mm256_srai_epi16::<3>(ring));
-    let (low, high) = (min(min(a, b), min(d, e)), max(max(a, b), max(d, e)));
-    let (lowest, highest) = (less(four(low), order_two), less(four(high), order_two));
-    let slope_a = _mm256_abs_epi16(less(a, e));
-    let slope_b = _mm256_abs_epi16(less(b, d));
-    let steepness = _mm256_abs_epi16(diagonal);
-    let steadier = _mm256_sign_epi16(diagonal, less(slope_b, slope_a));
-    let middle = less(order_two, _mm256_slli_epi16::<1>(add(low, high)));
-    let median = clamp(order_four, less(zero, steepness), steepness);
-    let held = clamp(order_four, lowest, highest);
-    let row_at = |row: &[i16], back: usize| {
-        // SAFETY: rows have a rim of two on either side and the slack.
-        unsafe { load(row, start + back) }
-    };
-    let [before, before_that] = &own.surprises;
-    let missed: [__m256i; 5] = std::array::from_fn(|back| row_at(before, back));
-    let twice: [__m256i; 3] = std::array::from_fn(|back| row_at(before_that, back + 1));
-    let (step, followed) = if own.row == 0 {
-        (zero, zero)
-    } else {
-        let centre = less(four(row_at(&own.above, ROW_RIM)), order_two);
-        let one = less(four(max(min(a, b), min(d, e))), order_two);
-        let other = less(four(min(max(a, b), max(d, e))), order_two);
-        let step = clamp(centre, min(one, other), max(one, other));
-        (step, clamp(centre, lowest, highest))
-    };
-    let far = _mm256_adds_epi16(missed[0], missed[4]);
-    let features = [
-        [beside, over],
-        [corners, diagonal],
-        [outer_diagonal, missed[1]],
-        [missed[2], missed[3]],
-        [twice[1], middle],
-        [steadier, median],
-        [held, step],
-        [followed, far],
-    ];
-    let rise = |a, b| _mm256_abs_epi16(less(a, b));
-    let rises = sum([
-        rise(a, left),
-        rise(d, lower_left),
-        rise(b, right),
-        rise(e, lower_right),
-        rise(a, upper),
-        rise(b, upper_right),
-        rise(d, under),
-        rise(e, under_right),
-    ]);
-    let bends = sum([
-        size(less(add(left, right), add(a, b))),
-        size(less(add(lower_left, lower_right), add(d, e))),
-        size(less(add(upper, under), add(a, d))),
-        size(less(add(upper_right, under_right), add(b, e))),
-    ]);
-    let sizes = missed.map(|missed| size(missed));
-    let sizes_before = twice.map(|missed| size(missed));
-    let companion = |side: usize| row_at(&own.companion, side);
-    let activities = [
-        [slope_a, slope_b],
-        [steepness, size(ring)],
-        [rises, bends],
-        [sizes[2], _mm256_adds_epi16(sizes[1], sizes[3])],
-        [
-            sum([
-                sizes_before[1],
-                sizes_before[0],
-                sizes_before[2],
-                sizes[0],
-                sizes[4],
-            ]),
-            companion(ROW_RIM),
-        ],
-        [
-            _mm256_adds_epi16(companion(ROW_RIM - 1), companion(ROW_RIM + 1)),
-            _mm256_set1_epi16(UNIT_ACTIVITY as i16),
-        ],
-    ];
     let mut activity = Totals {
-        low: zero,
-        high: zero,
+        low: _mm256_setzero_si256(),
+        high: _mm256_setzero_si256(),
     };
     for ([one, other], weights) in activities.into_iter().zip(&weights.activity) {
         let pair = _mm256_set1_epi32(packed(*weights));
         activity.add(one, other, pair, pair);
     }
     let contexts = [activity.low, activity.high].map(|activity| context(activity, weights));
-    let total = predict(order_two, &features, &contexts, weights, aim);
+    let total = predict(around.order_two, &features, &contexts, weights, aim);
     let base = if aim == Aim::FineDetails { 0 } else { own.base };
-    let ([low, low_fractions], [high, high_fractions]) =
-        (round(total.low, base, aim), round(total.high, base, aim));
-    let expected = _mm256_adds_epi16(order_two, order_four);
+    let [low, low_fractions] = round(total.low, base, aim);
+    let [high, high_fractions] = round(total.high, base, aim);
+    let expected = _mm256_adds_epi16(around.order_two, around.order_four);
     let bytes = _mm256_packs_epi32(contexts[0], contexts[1]);
     let bytes = _mm256_permute4x64_epi64::<0b1000>(_mm256_packus_epi16(bytes, bytes));
     let end = start + LANES;
     assert!(end <= outlook.contexts.len() && end <= outlook.predictions.len());
     assert!(end <= outlook.fractions.len());
-    // SAFETY: the rows have sixteen entries from `start` on: the assertion, and the slack of `expected`.
+    // SAFETY: the rows have sixteen entries from `start` on: the assertions, and the slack of `expected`.
     unsafe {
-        let predictions = outlook.predictions.as_mut_ptr().add(start);
-        store_halves(predictions, low, high);
+        store_halves(outlook.predictions.as_mut_ptr().add(start), low, high);
         if aim != Aim::Centres {
             let fractions = outlook.fractions.as_mut_ptr().add(start);
             store_halves(fractions, low_fractions, high_fractions);

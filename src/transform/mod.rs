@@ -7,6 +7,7 @@ mod interpolating;
 mod lifted;
 mod neville;
 mod quantiser;
+mod sight;
 mod two_stage;
 
 use crate::lattice::{Apex, reflect_absent_centres};
