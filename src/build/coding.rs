@@ -10,8 +10,7 @@ use crate::transform::adaptive::Weights;
 use crate::transform::{LONGEST_LIST, ListedHeights, TransformKind};
 use crate::{Error, Result};
 
-/// Samples that a level needs for a model of its own. The coarse levels with fewer share that of the
-/// first with as many.
+/// Samples that a level needs for a model of its own. The coarse levels up to the first with as many share one.
 const OWN_MODEL_SAMPLES: u64 = 16_384;
 /// Diamonds of a level that are looked at in each round of training.
 const TRAINING_SAMPLES: usize = 1 << 18;
@@ -93,11 +92,14 @@ impl<'a> Coding<'a, '_> {
     /// The level after the group that begins with `start`.
     fn group_end(&self, start: u32) -> u32 {
         let lattice = self.levels.lattice;
+        if start > 0 {
+            return start + 1;
+        }
         let samples = |level: u32| {
             let ranks = lattice.level_ranks(level);
             (ranks.end - ranks.start) * (lattice.cells() * lattice.cells()) as u64
         };
-        let first = (start..lattice.levels()).find(|&level| samples(level) >= OWN_MODEL_SAMPLES);
+        let first = (0..lattice.levels()).find(|&level| samples(level) >= OWN_MODEL_SAMPLES);
         first.map_or(lattice.levels(), |level| level + 1)
     }
 

@@ -196,7 +196,7 @@ fn options_that_do_not_exist_yet() {
     let (input, output) = (sample("rocky_mountain_np_dem.tif"), folder.path("a.kmb"));
     for [option, value] in [
         ["--transform", "two-lifted"],
-        ["--entropy", "rans"],
+        ["--entropy", "huffman"],
         ["--cells", "48"],
     ] {
         let run = kmb![

@@ -202,7 +202,7 @@ fn info_tells_what_a_program_needs() {
     ] {
         assert_eq!(info[key], value);
     }
-    assert_eq!(info["entropy"], "gamma");
+    assert_eq!(info["entropy"], "rans");
     assert_eq!((&info["cells"], &info["levels"]), (&64.into(), &4.into()));
     assert_eq!(info["samples"], 187 * 152);
     for key in [
