@@ -53,6 +53,7 @@ peers:
 
 chart:
 	cargo build --release --locked
+	cargo test --locked --test terrain depth -- --nocapture | grep -E '^(e|[0-9]+),' > docs/charts/depth.csv
 	bash benches/peers/run.sh chart $(if $(DATA),--data "$(abspath $(DATA))") $(ARGS)
 	$(if $(IMAGE),bash benches/peers/run.sh colour "$(abspath $(IMAGE))" --csv docs/charts/colour.csv --svg docs/charts/colour.svg)
 

@@ -81,6 +81,8 @@ def main():
             drawings.errors(out, name, here, units[name])
     drawings.levels(out, levels, units)
     drawings.cells(out, chart_measures.read(sorted(out.glob("cells_*.csv"))), units)
+    if (out / "depth.csv").exists():
+        drawings.depth(out, chart_measures.read([out / "depth.csv"]))
 
 
 if __name__ == "__main__":

@@ -163,3 +163,19 @@ def cells(out, rows, units):
             points = [(row["cells"], row["decode_msamples_per_s"]) for row in of_codec]
             chart.curve(points, codec, STYLES[codec])
         (out / f"cells_{raster}.svg").write_text(chart.render())
+
+
+def depth(out, rows):
+    """Growth of the max error with the levels of refinement, in parts of the quantiser's bound: one curve a bound of lifted, and
+    what the others keep. `rows` are those that the test of it prints."""
+    bounds = sorted({int(row["e"]) for row in rows})
+    growth = {e: [(row["level"], row["max_error"] / e) for row in rows if row["e"] == e] for e in bounds}
+    deepest = max(level for points in growth.values() for level, _ in points)
+    highest = max(ratio for points in growth.values() for _, ratio in points)
+    x = Axis("levels of refinement", 0, deepest)
+    y = Axis("max error, parts of the quantiser's bound e", 0, 1.05 * highest)
+    chart = Chart("Max error against depth", "a synthetic strip of diamonds of 16 cells; lower is better", x, y)
+    for e, style in zip(bounds, (STYLES["lifted+rans"], STYLES["lifted+gamma"], STYLES["JPEG 2000"])):
+        chart.curve(growth[e], f"lifted, e = {e}", style)
+    chart.curve([(0, 1), (deepest, 1)], "interpolating, two-stage", STYLES["interpolating"])
+    (out / "depth.svg").write_text(chart.render())
