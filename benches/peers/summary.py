@@ -166,7 +166,7 @@ def page(rows, units, levels, machine):
     head = [
         "# Measured figures",
         f"Written by `make chart`; the machine: {machine}. Max errors are in each raster's own unit and re-measured from the decoded"
-        " bytes; speeds are the median of several warm runs in processor time, for ours of `kmb build` as a whole and the fastest"
+        " bytes; speeds are those of warm runs in processor time, the median where `--repeats` asked for several, for ours of `kmb build` as a whole and the fastest"
         " of several `kmb bench`, which counts wall time."
         " All rows, with errors, are in `measured.csv`.",
     ]
