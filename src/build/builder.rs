@@ -1,6 +1,6 @@
 //! The builder: samples to blocks, level by level, each going on from what the decoder returns.
 
-use super::coding::{Coding, check_model, list_heights};
+use super::coding::{Coded, Coding, check_model, list_heights};
 use super::descent::{Descent, Input};
 use super::levels::Levels;
 use super::plane::Plane;
@@ -31,7 +31,7 @@ pub struct BuildOptions {
     pub rms_error: Option<f64>,
     /// How coefficients become bytes.
     pub entropy: EntropyKind,
-    /// Whether [`EntropyKind::Rans`] comes with the trained predictor. Else the transform's fixed rule is all,
+    /// Whether [`EntropyKind::Rans`] comes with the trained predictor, unless the file is smaller without. Else the transform's fixed rule is all,
     /// as it is by default for the heights of lifted and two-stage, whose papers have it so.
     pub adaptive: Option<bool>,
     /// Weights and tables to use instead of trained ones, from data with as many levels.
@@ -164,20 +164,7 @@ pub fn build_into(
         let bound = bound_for_rms_error(limit, &levels, &components, &info, threads, &mut step)?;
         components = components.with_common_bound(bound);
     }
-    let coders = Coders::new(&levels, &components, options);
-    let coding = Coding {
-        levels: &levels,
-        roots: &coders.roots,
-        blocks: &coders.blocks,
-        threads,
-    };
-    let coded = match options.entropy {
-        EntropyKind::Gamma => coding.gamma(&mut step)?,
-        EntropyKind::Rans => {
-            let known = options.tables.as_ref();
-            coding.in_contexts(known, coders.adaptive, coders.listed.clone(), &mut step)?
-        }
-    };
+    let coded = code(&levels, &components, options, threads, &mut step)?;
     let descent = &coded.descent;
     let header = header(&levels, options, &info, &components, is_exact);
     let tables = coded.model.as_ref().map_or_else(Vec::new, Model::to_bytes);
@@ -296,26 +283,66 @@ fn choose_units(plane: &Plane, info: &RasterInfo, options: &BuildOptions) -> Res
     Ok((units, is_integer || unit.is_some()))
 }
 
+/// Codes all levels. The fixed rule is tried too where trained weights may cost more than they save, and the
+/// smaller taken.
+fn code<'a>(
+    levels: &'a Levels<'a>,
+    components: &Components,
+    options: &BuildOptions,
+    threads: usize,
+    step: &mut dyn FnMut(u64) -> Result<()>,
+) -> Result<Coded<'a>> {
+    let adaptive = match &options.tables {
+        Some(model) => model.adaptive,
+        None => options
+            .adaptive
+            .unwrap_or_else(|| components.prefers_trained_predictor(options.transform)),
+    };
+    let code = |adaptive, step: &mut dyn FnMut(u64) -> Result<()>| {
+        let coders = Coders::new(levels, components, options, adaptive);
+        let coding = Coding {
+            levels,
+            roots: &coders.roots,
+            blocks: &coders.blocks,
+            threads,
+        };
+        match options.entropy {
+            EntropyKind::Gamma => coding.gamma(step),
+            EntropyKind::Rans => {
+                coding.in_contexts(options.tables.as_ref(), adaptive, coders.listed, step)
+            }
+        }
+    };
+    let coded = code(adaptive, step)?;
+    if !adaptive || options.tables.is_some() || !coded.has_dear_tables() {
+        return Ok(coded);
+    }
+    let fixed = code(false, &mut |_| step(0))?;
+    Ok(if fixed.bytes() < coded.bytes() {
+        fixed
+    } else {
+        coded
+    })
+}
+
 /// What codes the root and the blocks.
 struct Coders<'a> {
     roots: RootCodec<'a>,
     blocks: BlockCodec,
-    adaptive: bool,
     listed: Option<ListedHeights>,
 }
 
 impl<'a> Coders<'a> {
-    fn new(levels: &Levels<'a>, components: &Components, options: &BuildOptions) -> Coders<'a> {
+    fn new(
+        levels: &Levels<'a>,
+        components: &Components,
+        options: &BuildOptions,
+        adaptive: bool,
+    ) -> Coders<'a> {
         let (lattice, has_voids) = (levels.lattice, levels.plane.void_samples > 0);
         let kind = options.transform;
         let transforms = components.transforms(kind, lattice.cells());
         let roots = RootCodec::new(lattice, components.quantisers(&transforms, None));
-        let adaptive = match &options.tables {
-            Some(model) => model.adaptive,
-            None => options
-                .adaptive
-                .unwrap_or_else(|| components.prefers_trained_predictor(kind)),
-        };
         let listed = match (components, kind) {
             (Components::Height(units), TransformKind::Interpolating) if adaptive => {
                 list_heights(levels, units.range, units.bound)
@@ -330,7 +357,6 @@ impl<'a> Coders<'a> {
         Coders {
             roots,
             blocks,
-            adaptive,
             listed,
         }
     }
@@ -352,7 +378,7 @@ fn bound_for_rms_error(
             entropy: EntropyKind::Gamma,
             ..BuildOptions::default()
         };
-        let coders = Coders::new(levels, &components, &options);
+        let coders = Coders::new(levels, &components, &options, false);
         let (mut descent, _) = Descent::new(levels, &coders.roots, threads)?;
         for level in 0..levels.lattice.levels() {
             let preview = |input: Input| {

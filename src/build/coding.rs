@@ -24,6 +24,31 @@ pub(super) struct Coded<'a> {
     pub(super) model: Option<Model>,
 }
 
+/// The share of the blocks' bytes above which the tables may cost more than they save.
+const DEAR_TABLES: f64 = 0.005;
+
+impl Coded<'_> {
+    /// Bytes of the tables, and of the blocks.
+    fn lengths(&self) -> [usize; 2] {
+        let tables = self
+            .model
+            .as_ref()
+            .map_or(0, |model| model.to_bytes().len());
+        [tables, self.blocks.iter().map(Vec::len).sum()]
+    }
+
+    /// Bytes of the tables and the blocks.
+    pub(super) fn bytes(&self) -> usize {
+        self.lengths().iter().sum()
+    }
+
+    /// Whether the tables are long beside the blocks.
+    pub(super) fn has_dear_tables(&self) -> bool {
+        let [tables, blocks] = self.lengths();
+        tables as f64 > DEAR_TABLES * blocks as f64
+    }
+}
+
 /// What is coded, and by what.
 pub(super) struct Coding<'a, 'b> {
     pub(super) levels: &'a Levels<'a>,

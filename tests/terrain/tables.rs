@@ -128,6 +128,28 @@ fn tables_of_another_shape_or_transform_are_refused() {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    /// Where the ground is smooth or the error large, trained weights would cost more than they save.
+    #[test]
+    fn trained_prediction_takes_no_more_bytes_than_the_fixed_rule(
+        width in 100u32..500,
+        roughness in prop_oneof![Just(1u32), Just(3), Just(60)],
+        max_error in prop_oneof![Just(0.0), Just(1.0), Just(20.0), Just(300.0)],
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.kmb");
+        let raster = ground(width, 300, roughness);
+        let [trained, fixed] = [true, false].map(|adaptive| {
+            let adaptive = Some(adaptive);
+            let options = BuildOptions { max_error, adaptive, ..BuildOptions::default() };
+            round_trip(&raster, &path, &options).bytes
+        });
+        prop_assert!(trained <= fixed, "{} against {}", trained, fixed);
+    }
+}
+
 /// Bytes of a file of `data/` by the fixed rule, and by trained prediction.
 fn bytes_of(name: &str, max_error: f64) -> [u64; 2] {
     let input = Path::new(env!("CARGO_MANIFEST_DIR"))

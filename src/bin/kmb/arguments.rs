@@ -142,7 +142,7 @@ pub enum Entropy {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum Prediction {
-    /// Trained on the input
+    /// Trained on the input, unless its own rule takes fewer bytes
     Adaptive,
     /// The transform's own rule
     Fixed,
