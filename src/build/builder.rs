@@ -2,12 +2,15 @@
 
 use super::coding::{Coded, Coding, check_model, list_heights};
 use super::descent::{Descent, Input};
+use super::filtered::Filtered;
+use super::leaf::walk_tiles;
 use super::levels::Levels;
 use super::plane::Plane;
 use super::rms::greatest_bound;
 use super::source::RasterSource;
 use super::summaries::summarise;
 use super::workers::thread_count;
+use super::workspace::{Workspace, folder_of};
 use crate::codec::{
     BlockCodec, ColourUnits, Components, Model, RootCodec, Units, block_length_unit,
 };
@@ -17,6 +20,11 @@ use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, Sink, Transf
 use crate::transform::ListedHeights;
 use crate::{Error, Result};
 use std::path::Path;
+
+/// Bytes of memory that a build takes whatever the raster.
+const OTHER_BYTES: u64 = 48 << 20;
+/// Bytes that what is decoded and coded of a component takes, about.
+const DECODED_BYTES: u64 = 16;
 
 /// How to build.
 #[derive(Clone, Debug)]
@@ -38,6 +46,9 @@ pub struct BuildOptions {
     pub tables: Option<Model>,
     /// log2 of the cells along a diamond's side: 4 to 7.
     pub cells_log2: u32,
+    /// Bytes of memory that the process may take, about; what does not fit goes to temporary files in the folder
+    /// of the output. The output does not depend on it. `None` keeps all in memory.
+    pub memory: Option<u64>,
     /// Worker threads; 0 for all that the machine has. The output does not depend on it.
     pub threads: usize,
 }
@@ -52,6 +63,7 @@ impl Default for BuildOptions {
             adaptive: None,
             tables: None,
             cells_log2: 6,
+            memory: None,
             threads: 0,
         }
     }
@@ -142,11 +154,12 @@ pub fn build_into(
 ) -> Result<BuildReport> {
     let info = source.info().clone();
     let lattice = check(&info, options)?;
-    // Each sample is read once, filtered once if at all, coded once, and measured once for each level's error.
+    let workspace = choose_workspace(&info, options, output)?;
+    // Each sample is read once, filtered once if at all, coded once and measured once.
     let samples = u64::from(info.width) * u64::from(info.height);
     let is_filtering = options.transform != TransformKind::Interpolating;
-    let total = samples * (2 + u64::from(is_filtering) + u64::from(lattice.levels()));
-    let plane = Plane::read(source, |done| progress(done, total))?;
+    let total = samples * (3 + u64::from(is_filtering));
+    let plane = Plane::read(source, &workspace, |done| progress(done, total))?;
     let mut done = samples;
     let mut step = |samples: u64| {
         done += samples;
@@ -161,19 +174,23 @@ pub fn build_into(
     let filters = components.transforms(options.transform, lattice.cells());
     let levels = Levels::new(&lattice, &plane, &components, &filters, threads, &mut step)?;
     if let Some(limit) = options.rms_error {
-        let bound = bound_for_rms_error(limit, &levels, &components, &info, threads, &mut step)?;
+        let bound = {
+            let (workspace, step) = (&workspace, &mut step);
+            bound_for_rms_error(limit, &levels, &components, &info, workspace, threads, step)?
+        };
         components = components.with_common_bound(bound);
     }
-    let coded = code(&levels, &components, options, threads, &mut step)?;
+    let coded = code(&levels, &components, options, &workspace, &mut step)?;
     let descent = &coded.descent;
     let header = header(&levels, options, &info, &components, is_exact);
     let tables = coded.model.as_ref().map_or_else(Vec::new, Model::to_bytes);
     let mut writer = Writer::with_sink(output, sink, &header, &coded.roots, &tables)?;
-    for block in &coded.blocks {
-        writer.push(block)?;
+    let mut scratch = Vec::new();
+    for rank in 0..coded.blocks.count() {
+        writer.push(coded.blocks.get(rank, &mut scratch)?)?;
     }
-    let summaries = summarise(&levels, descent, components.range(0), threads, &mut step)?;
-    let (max_error, rms_error) = measured_error(&plane, &components, &descent.heights);
+    let (summaries, deviation) = summarise(descent, &components, threads, &mut step)?;
+    let (max_error, rms_error) = (deviation.largest, deviation.rms());
     let [unit_min, unit_max] = summaries.range;
     let header = Header {
         unit_min,
@@ -204,6 +221,34 @@ fn check(info: &RasterInfo, options: &BuildOptions) -> Result<Lattice> {
         check_model(model, lattice.levels(), options.transform, components)?;
     }
     Ok(lattice)
+}
+
+/// Where what a build has no use for at once is kept, by the memory that there may be.
+fn choose_workspace(info: &RasterInfo, options: &BuildOptions, output: &Path) -> Result<Workspace> {
+    let Some(memory) = options.memory else {
+        return Ok(Workspace::Memory);
+    };
+    let samples = u64::from(info.width) * u64::from(info.height);
+    let (bands, is_filtering) = (
+        u64::from(info.bands),
+        options.transform != TransformKind::Interpolating,
+    );
+    // Heights of the input; decoded vertices and centres of all levels, drafts of the last one, and blocks.
+    let filtered = if is_filtering { Filtered::BYTES } else { 0 };
+    let number = Plane::number_bytes(info.sample_type) + filtered + DECODED_BYTES;
+    let needed = |number: u64| OTHER_BYTES + samples.saturating_mul(bands * number);
+    if needed(number) <= memory {
+        return Ok(Workspace::Memory);
+    }
+    if is_filtering && needed(filtered) > memory {
+        return Err(Error::Argument(format!(
+            "the filtered levels of {samples} samples need {} MiB of memory, and may have {}: give more, or the \
+             transform interpolating",
+            needed(filtered) >> 20,
+            memory >> 20
+        )));
+    }
+    Ok(Workspace::Folder(folder_of(output)))
 }
 
 /// The header but for what only the finished build knows: errors, and the range of lifted heights.
@@ -289,7 +334,7 @@ fn code<'a>(
     levels: &'a Levels<'a>,
     components: &Components,
     options: &BuildOptions,
-    threads: usize,
+    workspace: &Workspace,
     step: &mut dyn FnMut(u64) -> Result<()>,
 ) -> Result<Coded<'a>> {
     let adaptive = match &options.tables {
@@ -299,12 +344,13 @@ fn code<'a>(
             .unwrap_or_else(|| components.prefers_trained_predictor(options.transform)),
     };
     let code = |adaptive, step: &mut dyn FnMut(u64) -> Result<()>| {
-        let coders = Coders::new(levels, components, options, adaptive);
+        let coders = Coders::new(levels, components, options, adaptive)?;
         let coding = Coding {
             levels,
             roots: &coders.roots,
             blocks: &coders.blocks,
-            threads,
+            workspace,
+            threads: thread_count(options.threads),
         };
         match options.entropy {
             EntropyKind::Gamma => coding.gamma(step),
@@ -338,14 +384,14 @@ impl<'a> Coders<'a> {
         components: &Components,
         options: &BuildOptions,
         adaptive: bool,
-    ) -> Coders<'a> {
+    ) -> Result<Coders<'a>> {
         let (lattice, has_voids) = (levels.lattice, levels.plane.void_samples > 0);
         let kind = options.transform;
         let transforms = components.transforms(kind, lattice.cells());
         let roots = RootCodec::new(lattice, components.quantisers(&transforms, None));
         let listed = match (components, kind) {
             (Components::Height(units), TransformKind::Interpolating) if adaptive => {
-                list_heights(levels, units.range, units.bound)
+                list_heights(levels.plane, units)?
             }
             _ => None,
         };
@@ -354,11 +400,11 @@ impl<'a> Coders<'a> {
         if options.entropy == EntropyKind::Rans {
             blocks = blocks.with_symbols(components.coders(lattice.cells(), quantisers, adaptive));
         }
-        Coders {
+        Ok(Coders {
             roots,
             blocks,
             listed,
-        }
+        })
     }
 }
 
@@ -368,6 +414,7 @@ fn bound_for_rms_error(
     levels: &Levels,
     components: &Components,
     info: &RasterInfo,
+    workspace: &Workspace,
     threads: usize,
     step: &mut dyn FnMut(u64) -> Result<()>,
 ) -> Result<i32> {
@@ -378,9 +425,10 @@ fn bound_for_rms_error(
             entropy: EntropyKind::Gamma,
             ..BuildOptions::default()
         };
-        let coders = Coders::new(levels, &components, &options, false);
-        let (mut descent, _) = Descent::new(levels, &coders.roots, threads)?;
-        for level in 0..levels.lattice.levels() {
+        let coders = Coders::new(levels, &components, &options, false)?;
+        let mut descent =
+            Descent::new(levels, &coders.roots, Workspace::clone(workspace), threads)?.0;
+        for _ in 0..levels.lattice.levels() {
             let preview = |input: Input| {
                 let (vertices, outline) = (input.vertices, input.outline);
                 let blocks = &coders.blocks;
@@ -389,9 +437,10 @@ fn bound_for_rms_error(
                     blocks.preview(vertices, outline, input.target, input.voids),
                 ))
             };
-            descent.code_level(level, preview, |(), _| step(0))?;
+            descent.code_level(preview, |(), _| step(0))?;
         }
-        Ok(measured_error(levels.plane, &components, &descent.heights).1)
+        let found = walk_tiles(&descent, &components, threads, |_| Ok(()), |(), _| step(0))?;
+        Ok(found.rms())
     };
     let [low, high] = components.range(0).map(i64::from);
     let scale = components.scale_and_offset()[0];
@@ -408,30 +457,16 @@ fn bound_for_rms_error(
 
 /// The unit of which all samples of a float raster are multiples.
 fn lossless_unit(plane: &Plane, info: &RasterInfo) -> Result<f64> {
-    Units::common_unit(info.sample_type, plane.numbers()).ok_or_else(|| {
-        Error::Argument(format!(
-            "maximum error 0 needs {} samples that are multiples of one unit, 1 to 1e-6 by powers of ten or 1/2 to \
-             1/1048576 by powers of two, fewer than 2^29 of it; these are not: give a maximum error above {:e}",
-            info.sample_type.name(),
-            Units::least_max_error(info, plane.sample_range),
-        ))
-    })
-}
-
-/// Largest and root mean square |decoded - input| over all numbers of the valid samples.
-fn measured_error(plane: &Plane, components: &Components, heights: &[i32]) -> (f64, f64) {
-    let (mut largest, mut sum, mut count) = (0f64, 0f64, 0u64);
-    let mut decoded = vec![0.0; components.count()];
-    for (index, sample) in plane.samples().enumerate() {
-        let Some(sample) = sample else { continue };
-        let unit = |component: usize| heights[component * plane.count() + index];
-        components.to_sample(unit, &mut decoded);
-        for (decoded, given) in decoded.iter().zip(sample) {
-            let error = (decoded - given).abs();
-            largest = largest.max(error);
-            sum += error * error;
-            count += 1;
+    for unit in Units::whole_units() {
+        let divides = |&number: &f64| Units::is_multiple(info.sample_type, number, unit);
+        if plane.all_rows(|row| row.iter().all(divides))? {
+            return Ok(unit);
         }
     }
-    (largest, (sum / count.max(1) as f64).sqrt())
+    Err(Error::Argument(format!(
+        "maximum error 0 needs {} samples that are multiples of one unit, 1 to 1e-6 by powers of ten or 1/2 to \
+             1/1048576 by powers of two, fewer than 2^29 of it; these are not: give a maximum error above {:e}",
+        info.sample_type.name(),
+        Units::least_max_error(info, plane.sample_range),
+    )))
 }

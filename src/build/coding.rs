@@ -3,12 +3,17 @@
 
 use super::descent::{Descent, Input};
 use super::levels::Levels;
+use super::plane::Plane;
+use super::workers::map_in_order;
+use super::workspace::{Records, Workspace};
 use crate::codec::{
-    BlockCodec, Census, Draft, Fit, LevelModel, MatrixModel, Model, ROUNDS, RootCodec, Trainer,
+    BlockCodec, Census, Draft, Fit, LevelModel, MatrixModel, Model, ROUNDS, Refined, RootCodec,
+    Trainer, Units,
 };
 use crate::transform::adaptive::Weights;
 use crate::transform::{LONGEST_LIST, ListedHeights, TransformKind};
 use crate::{Error, Result};
+use std::ops::Range;
 
 /// Samples that a level needs for a model of its own. The coarse levels up to the first with as many share one.
 const OWN_MODEL_SAMPLES: u64 = 16_384;
@@ -19,7 +24,7 @@ const TRAINING_SAMPLES: usize = 1 << 18;
 pub(super) struct Coded<'a> {
     pub(super) descent: Descent<'a>,
     pub(super) roots: Vec<u8>,
-    pub(super) blocks: Vec<Vec<u8>>,
+    pub(super) blocks: Records,
     /// `None` with gamma codes.
     pub(super) model: Option<Model>,
 }
@@ -29,16 +34,14 @@ const DEAR_TABLES: f64 = 0.005;
 
 impl Coded<'_> {
     /// Bytes of the tables, and of the blocks.
-    fn lengths(&self) -> [usize; 2] {
-        let tables = self
-            .model
-            .as_ref()
-            .map_or(0, |model| model.to_bytes().len());
-        [tables, self.blocks.iter().map(Vec::len).sum()]
+    fn lengths(&self) -> [u64; 2] {
+        let tables = self.model.as_ref().map(Model::to_bytes);
+        let tables = tables.map_or(0, |tables| tables.len() as u64);
+        [tables, self.blocks.bytes()]
     }
 
     /// Bytes of the tables and the blocks.
-    pub(super) fn bytes(&self) -> usize {
+    pub(super) fn bytes(&self) -> u64 {
         self.lengths().iter().sum()
     }
 
@@ -54,17 +57,24 @@ pub(super) struct Coding<'a, 'b> {
     pub(super) levels: &'a Levels<'a>,
     pub(super) roots: &'b RootCodec<'b>,
     pub(super) blocks: &'b BlockCodec,
+    pub(super) workspace: &'b Workspace,
     pub(super) threads: usize,
 }
 
 impl<'a> Coding<'a, '_> {
     /// Codes with gamma codes. `step` is told of samples done.
     pub(super) fn gamma(&self, step: &mut dyn FnMut(u64) -> Result<()>) -> Result<Coded<'a>> {
-        let (mut descent, roots) = Descent::new(self.levels, self.roots, self.threads)?;
-        let mut blocks = Vec::new();
-        for level in 0..self.levels.lattice.levels() {
-            let drafts = self.draft(&mut descent, level, &[], step)?;
-            blocks.extend(drafts.iter().map(|draft| self.blocks.finish(draft, None)));
+        let (mut descent, roots) = self.descent()?;
+        let mut blocks = Records::new(self.workspace)?;
+        for _ in 0..self.levels.lattice.levels() {
+            let code = |input: Input| {
+                let (draft, refined) = self.draft(&[], &input);
+                Ok((self.blocks.finish(&draft, None), refined))
+            };
+            descent.code_level(code, |block, samples| {
+                blocks.push(&block)?;
+                step(samples)
+            })?;
         }
         Ok(Coded {
             descent,
@@ -82,8 +92,8 @@ impl<'a> Coding<'a, '_> {
         listed: Option<ListedHeights>,
         step: &mut dyn FnMut(u64) -> Result<()>,
     ) -> Result<Coded<'a>> {
-        let (mut descent, roots) = Descent::new(self.levels, self.roots, self.threads)?;
-        let mut blocks = Vec::new();
+        let (mut descent, roots) = self.descent()?;
+        let mut blocks = Records::new(self.workspace)?;
         let mut groups: Vec<(LevelModel, u32)> = Vec::new();
         let levels = self.levels.lattice.levels();
         let mut start = 0;
@@ -91,26 +101,55 @@ impl<'a> Coding<'a, '_> {
             let end = self.group_end(start);
             let weights = match known {
                 Some(model) => self.weights_of(model.level(start)),
-                None => self.train(&descent, start, end, step)?,
+                None => self.train(&descent, start..end, step)?,
             };
-            let mut drafts = Vec::new();
-            for level in start..end {
-                drafts.extend(self.draft(&mut descent, level, &weights, step)?);
+            let mut census = Census::new(weights.len());
+            let mut drafts = Records::new(self.workspace)?;
+            for _ in start..end {
+                self.draft_level(&mut descent, &weights, |draft, samples| {
+                    draft
+                        .trace()
+                        .into_iter()
+                        .for_each(|trace| census.add(trace));
+                    drafts.push(&draft.to_bytes())?;
+                    step(samples)
+                })?;
             }
             let model = match known {
                 Some(model) => model.level(start).clone(),
-                None => tables(&drafts, weights),
+                None => tables(&census, weights),
             };
-            let finish = |draft| self.blocks.finish(draft, Some(&model));
-            blocks.extend(drafts.iter().map(finish));
+            self.finish(&drafts, &model, &mut blocks)?;
             groups.push((model, end));
             start = end;
         }
+        let components = self.levels.components.count();
         Ok(Coded {
             descent,
             roots,
             blocks,
-            model: Some(Model::new(adaptive, listed, self.levels.components, groups)),
+            model: Some(Model::new(adaptive, listed, components, groups)),
+        })
+    }
+
+    fn descent(&self) -> Result<(Descent<'a>, Vec<u8>)> {
+        Descent::new(
+            self.levels,
+            self.roots,
+            self.workspace.clone(),
+            self.threads,
+        )
+    }
+
+    /// Drafts to blocks.
+    fn finish(&self, drafts: &Records, model: &LevelModel, blocks: &mut Records) -> Result<()> {
+        let finish = |number: usize| -> Result<Vec<u8>> {
+            let mut scratch = Vec::new();
+            let draft = Draft::from_bytes(drafts.get(number, &mut scratch)?);
+            Ok(self.blocks.finish(&draft, Some(model)))
+        };
+        map_in_order(self.threads, drafts.count(), finish, |_, block| {
+            blocks.push(&block?)
         })
     }
 
@@ -120,10 +159,7 @@ impl<'a> Coding<'a, '_> {
         if start > 0 {
             return start + 1;
         }
-        let samples = |level: u32| {
-            let ranks = lattice.level_ranks(level);
-            (ranks.end - ranks.start) * (lattice.cells() * lattice.cells()) as u64
-        };
+        let samples = |level| self.diamonds(level) * (lattice.cells() * lattice.cells()) as u64;
         let first = (0..lattice.levels()).find(|&level| samples(level) >= OWN_MODEL_SAMPLES);
         first.map_or(lattice.levels(), |level| level + 1)
     }
@@ -135,62 +171,40 @@ impl<'a> Coding<'a, '_> {
             .collect()
     }
 
-    /// Weights of each matrix for the levels from `start` to `end`, trained on the last of them. The ones
-    /// before are coded on trial, by the fixed rule.
+    /// Weights of each matrix for some levels, trained on the last of them. The ones before are coded on trial,
+    /// by the fixed rule.
     fn train(
         &self,
-        descent: &Descent,
-        start: u32,
-        end: u32,
+        descent: &Descent<'a>,
+        levels: Range<u32>,
         step: &mut dyn FnMut(u64) -> Result<()>,
     ) -> Result<Vec<Weights>> {
         let matrices = self.blocks.matrices();
-        let mut trainers: Vec<Trainer> = (0..matrices).map(|_| Trainer::new()).collect();
-        if start + 1 < end {
-            let (mut trial, _) = Descent::new(self.levels, self.roots, self.threads)?;
+        let mut trial = None;
+        if levels.len() > 1 {
+            let (mut begun, _) = self.descent()?;
             let fixed = vec![Weights::fixed(); matrices];
-            for level in start..end - 1 {
-                self.draft(&mut trial, level, &fixed, &mut |_| step(0))?;
+            for _ in levels.start..levels.end - 1 {
+                self.draft_level(&mut begun, &fixed, |_, _| step(0))?;
             }
-            self.train_on(&trial, end - 1, &mut trainers, step)?;
-        } else {
-            self.train_on(descent, end - 1, &mut trainers, step)?;
+            trial = Some(begun);
         }
-        Ok(trainers
-            .iter()
-            .map(|trainer| trainer.weights().clone())
-            .collect())
-    }
-
-    fn train_on(
-        &self,
-        descent: &Descent,
-        level: u32,
-        trainers: &mut [Trainer],
-        step: &mut dyn FnMut(u64) -> Result<()>,
-    ) -> Result<()> {
-        let lattice = self.levels.lattice;
-        let diamonds = lattice.level_ranks(level);
-        let cells = lattice.cells();
-        let samples = (diamonds.end - diamonds.start) as usize * cells * cells;
+        let descent = trial.as_ref().unwrap_or(descent);
+        let mut trainers: Vec<Trainer> = (0..matrices).map(|_| Trainer::new()).collect();
+        let cells = self.levels.lattice.cells();
+        let samples = self.diamonds(levels.end - 1) as usize * cells * cells;
         let every = samples.div_ceil(TRAINING_SAMPLES).max(1);
         for _ in 0..ROUNDS {
             let mut all = vec![Fit::new(); trainers.len()];
             let show = |input: Input| {
                 let mut fits = vec![Fit::new(); trainers.len()];
                 let (vertices, outline) = (input.vertices, input.outline);
-                let blocks = self.blocks;
-                blocks.show(
-                    trainers,
-                    &mut fits,
-                    vertices,
-                    outline,
-                    input.target,
-                    input.voids,
-                );
+                let (target, voids) = (input.target, input.voids);
+                self.blocks
+                    .show(&trainers, &mut fits, vertices, outline, target, voids);
                 fits
             };
-            descent.observe(level, every, show, |fits| {
+            descent.observe(every, show, |fits| {
                 for (all, fit) in all.iter_mut().zip(&fits) {
                     all.merge(fit);
                 }
@@ -200,36 +214,35 @@ impl<'a> Coding<'a, '_> {
                 trainer.learn(fit);
             }
         }
-        Ok(())
+        let weights = trainers.iter().map(|trainer| trainer.weights().clone());
+        Ok(weights.collect())
     }
 
-    fn draft(
+    /// Diamonds of a level.
+    fn diamonds(&self, level: u32) -> u64 {
+        let ranks = self.levels.lattice.level_ranks(level);
+        ranks.end - ranks.start
+    }
+
+    /// Takes the next level to drafts. `consume` gets each with the number of samples.
+    fn draft_level(
         &self,
         descent: &mut Descent,
-        level: u32,
         weights: &[Weights],
-        step: &mut dyn FnMut(u64) -> Result<()>,
-    ) -> Result<Vec<Draft>> {
-        let draft = |input: Input| {
-            let (vertices, outline) = (input.vertices, input.outline);
-            let blocks = self.blocks;
-            Ok(blocks.draft(weights, vertices, outline, input.target, input.voids))
-        };
-        let mut drafts = Vec::new();
-        descent.code_level(level, draft, |draft, samples| {
-            drafts.push(draft);
-            step(samples)
-        })?;
-        Ok(drafts)
+        consume: impl FnMut(Draft, u64) -> Result<()>,
+    ) -> Result<()> {
+        descent.code_level(|input: Input| Ok(self.draft(weights, &input)), consume)
+    }
+
+    fn draft(&self, weights: &[Weights], input: &Input) -> (Draft, Refined) {
+        let (vertices, outline) = (input.vertices, input.outline);
+        self.blocks
+            .draft(weights, vertices, outline, input.target, input.voids)
     }
 }
 
 /// The model of some levels from what there is to code.
-fn tables(drafts: &[Draft], weights: Vec<Weights>) -> LevelModel {
-    let mut census = Census::new(weights.len());
-    for trace in drafts.iter().filter_map(Draft::trace) {
-        census.add(trace);
-    }
+fn tables(census: &Census, weights: Vec<Weights>) -> LevelModel {
     let matrices = weights.into_iter().enumerate();
     let model = matrices.map(|(matrix, weights)| MatrixModel {
         weights,
@@ -240,23 +253,27 @@ fn tables(drafts: &[Draft], weights: Vec<Weights>) -> LevelModel {
 
 /// The heights of a raster, where coefficients should count in those instead of units: where it is
 /// lossless and has few of the heights in its range, which some unit conversions leave.
-pub(super) fn list_heights(levels: &Levels, range: [i32; 2], bound: i32) -> Option<ListedHeights> {
-    let length = i64::from(range[1]) - i64::from(range[0]) + 1;
-    if bound != 0 || length > LONGEST_LIST as i64 {
-        return None;
+pub(super) fn list_heights(plane: &Plane, units: &Units) -> Result<Option<ListedHeights>> {
+    let [least, greatest] = units.range.map(i64::from);
+    let length = greatest - least + 1;
+    if units.bound != 0 || length > LONGEST_LIST as i64 {
+        return Ok(None);
     }
     let mut present = vec![false; length as usize];
-    levels.for_each_height(|height| {
-        present[(i64::from(height) - i64::from(range[0])) as usize] = true
-    });
+    plane.all_rows(|row| {
+        for &height in row.iter().filter(|height| !height.is_nan()) {
+            present[(i64::from(units.to_unit(height)) - least) as usize] = true;
+        }
+        true
+    })?;
     let listed = present.iter().filter(|&&present| present).count() as u64;
     let length = length as u64;
     // The list costs about a bit for each height of the range, and saves one or more for each sample.
-    let samples = levels.plane.count() as u64 - levels.plane.void_samples;
+    let samples = plane.count() as u64 - plane.void_samples;
     if 2 * listed > length || samples < 2 * length {
-        return None;
+        return Ok(None);
     }
-    ListedHeights::new(range[0], &present)
+    Ok(ListedHeights::new(units.range[0], &present))
 }
 
 /// Refuses a model that was trained on data of another shape.

@@ -2,22 +2,32 @@
 
 use super::levels::Levels;
 use super::workers::map_in_order;
+use super::workspace::{Records, Workspace};
 use crate::codec::{Matrix, Outline, Refined, RootCodec, child_vertices};
 use crate::lattice::Diamond;
 use crate::transform::Target;
 use crate::{Error, Result};
+use std::collections::HashMap;
 
-/// Everything decoded so far, in memory.
+/// Everything decoded so far.
 pub(super) struct Descent<'a> {
-    levels: &'a Levels<'a>,
+    pub(super) levels: &'a Levels<'a>,
+    workspace: Workspace,
     threads: usize,
-    /// Vertex matrices of all refinable levels reached, each on its diamond's own level, in the order of
-    /// ranks.
-    pub(super) vertices: Vec<Matrix>,
-    /// The diamonds of the level coded last on the next.
-    pub(super) refined: Vec<Refined>,
-    /// Decoded units of all samples, each on the finest level reached, component after component.
-    pub(super) heights: Vec<i32>,
+    pub(super) root: Matrix,
+    /// The levels coded so far.
+    reached: Vec<Reached>,
+    /// Least and greatest first component of what is decoded of each diamond coded so far, by rank; those of the
+    /// last refinable level with its leaf heights.
+    pub(super) ranges: Vec<[i32; 2]>,
+}
+
+/// The diamonds of a coded level, in their order.
+struct Reached {
+    /// Their vertices on their own level.
+    vertices: Records,
+    /// What refining them gave.
+    refined: Records,
 }
 
 /// What a diamond is coded from.
@@ -34,174 +44,223 @@ impl<'a> Descent<'a> {
     pub(super) fn new(
         levels: &'a Levels<'a>,
         codec: &RootCodec,
+        workspace: Workspace,
         threads: usize,
     ) -> Result<(Descent<'a>, Vec<u8>)> {
-        let bytes = codec.encode(|component, at| levels.root_vertex(component, at));
-        let matrix = codec
-            .decode(&bytes)
-            .map_err(|error| disagreement("the root", error))?;
-        let (lattice, plane) = (levels.lattice, levels.plane);
-        let mut heights = vec![0; levels.components * plane.count()];
-        let (placement, side) = (lattice.placement(lattice.root()), lattice.cells() + 1);
-        let own = matrix.values.chunks_exact(side * side);
-        for (heights, own) in heights.chunks_exact_mut(plane.count()).zip(own) {
-            for (index, &height) in own.iter().enumerate() {
-                let at = placement.vertex(index % side, index / side);
-                if lattice.in_raster(at) {
-                    heights[plane.index(at)] = height;
-                }
+        let (placement, side) = (
+            levels.lattice.placement(levels.lattice.root()),
+            levels.lattice.cells() + 1,
+        );
+        let mut samples = HashMap::new();
+        for index in 0..side * side {
+            let at = placement.vertex(index % side, index / side);
+            if levels.lattice.in_raster(at) {
+                samples.insert(at, levels.root_vertex(at)?);
             }
         }
+        let sample = |component: usize, at: [i64; 2]| Some(samples.get(&at)?.as_ref()?[component]);
+        let bytes = codec.encode(sample);
+        let root = codec
+            .decode(&bytes)
+            .map_err(|error| disagreement("the root", error))?;
         let descent = Descent {
             levels,
+            workspace,
             threads,
-            vertices: vec![matrix],
-            refined: Vec::new(),
-            heights,
+            root,
+            reached: Vec::new(),
+            ranges: Vec::new(),
         };
         Ok((descent, bytes))
     }
 
-    /// Takes the diamonds of one level through `code` and gathers the vertices of the next. `consume` gets
-    /// what `code` made beside the heights, in the order of ranks, and the number of samples.
+    fn components(&self) -> usize {
+        self.levels.components.count()
+    }
+
+    /// Takes the diamonds of the next level through `code`. `consume` gets what `code` made beside the
+    /// heights, in the order of ranks, and the number of samples.
     pub(super) fn code_level<T: Send>(
         &mut self,
-        level: u32,
         code: impl Fn(Input) -> Result<(T, Refined)> + Sync,
         mut consume: impl FnMut(T, u64) -> Result<()>,
     ) -> Result<()> {
-        let levels = self.levels;
-        let first = levels.lattice.level_ranks(level).start;
-        let diamonds = levels.lattice.diamonds(level);
-        let mut refined = Vec::with_capacity(diamonds.len());
-        let vertices = &self.vertices[first as usize..];
+        let lattice = self.levels.lattice;
+        let level = self.reached.len() as u32;
+        let is_last = level + 1 == lattice.levels();
+        let diamonds = lattice.diamonds(level);
+        let mut reached = Reached {
+            vertices: Records::new(&self.workspace)?,
+            refined: Records::new(&self.workspace)?,
+        };
+        let mut ranges = Vec::with_capacity(diamonds.len());
+        let components = self.components();
         let work = |index: usize| {
-            let outline = Outline::of(levels.lattice, diamonds[index]);
-            let rank = first + index as u64;
-            let coded = with_input(
-                levels,
-                diamonds[index],
-                rank,
-                &vertices[index],
-                &outline,
-                &code,
-            );
-            (coded, outline)
+            let outline = Outline::of(lattice, diamonds[index]);
+            let vertices = self.vertices_of(diamonds[index])?;
+            let (made, refined) =
+                self.with_input(diamonds[index], &vertices, &outline, &code)??;
+            let mut range = extremes(&vertices, components);
+            if is_last {
+                let next = [Some(&refined.centres), refined.vertices.as_ref()];
+                let next = next.into_iter().flatten();
+                range = next.fold(range, |range, own| union(range, extremes(own, components)));
+            }
+            let samples = outline.codable_count(lattice.cells()) as u64;
+            let records = (matrix_bytes(&vertices), refined_bytes(&refined));
+            Ok((made, records, range, samples))
         };
-        let heights = &mut self.heights;
-        let take = |index: usize, (coded, outline): (Result<(T, Refined)>, Outline)| {
-            let (made, next) = coded?;
-            let samples = scatter(levels, diamonds[index], &outline, &next, heights);
-            refined.push(next);
+        map_in_order(self.threads, diamonds.len(), work, |_, done| {
+            let (made, (vertices, refined), range, samples) = done?;
+            reached.vertices.push(&vertices)?;
+            reached.refined.push(&refined)?;
+            ranges.push(range);
             consume(made, samples)
-        };
-        map_in_order(self.threads, diamonds.len(), work, take)?;
-        self.refined = refined;
-        if level + 1 < levels.lattice.levels() {
-            self.gather_level(level + 1)?;
-        }
+        })?;
+        self.reached.push(reached);
+        self.ranges.append(&mut ranges);
         Ok(())
     }
 
-    /// Shows the diamonds of a level that has been reached to `look`, one in `every`, and what it makes
-    /// of them, in the order of ranks, to `consume`.
+    /// Shows the diamonds of the next level to `look`, one in `every`, and what it makes of them, in the
+    /// order of ranks, to `consume`.
     pub(super) fn observe<T: Send>(
         &self,
-        level: u32,
         every: usize,
         look: impl Fn(Input) -> T + Sync,
         mut consume: impl FnMut(T) -> Result<()>,
     ) -> Result<()> {
-        let levels = self.levels;
-        let first = levels.lattice.level_ranks(level).start;
-        let diamonds = levels.lattice.diamonds(level);
+        let lattice = self.levels.lattice;
+        let diamonds = lattice.diamonds(self.reached.len() as u32);
         let work = |index: usize| {
-            let (index, diamond) = (index * every, diamonds[index * every]);
-            let outline = Outline::of(levels.lattice, diamond);
-            let rank = first + index as u64;
-            let vertices = &self.vertices[rank as usize];
-            with_input(levels, diamond, rank, vertices, &outline, &look)
+            let diamond = diamonds[index * every];
+            let outline = Outline::of(lattice, diamond);
+            let vertices = self.vertices_of(diamond)?;
+            self.with_input(diamond, &vertices, &outline, &look)
         };
         let count = diamonds.len().div_ceil(every);
-        map_in_order(self.threads, count, work, |_, made| consume(made))
+        map_in_order(self.threads, count, work, |_, made| consume(made?))
     }
 
-    fn gather_level(&mut self, level: u32) -> Result<()> {
+    /// The vertices of a diamond of the next level.
+    fn vertices_of(&self, diamond: Diamond) -> Result<Matrix> {
         let lattice = self.levels.lattice;
-        let first = lattice.level_ranks(level - 1).start;
-        let diamonds = lattice.diamonds(level);
-        let gather = |index: usize| {
-            let parents = lattice.parents(diamonds[index]).map(|parent| {
-                let rank = lattice.rank(parent?);
-                let refined = &self.refined[(rank - first) as usize];
-                let vertices = refined.vertices(&self.vertices[rank as usize]);
-                Some((vertices, &refined.centres))
-            });
-            child_vertices(lattice, diamonds[index], parents)
+        if diamond == lattice.root() {
+            return Ok(self.root.clone());
+        }
+        let mut parents = [None, None];
+        for (known, parent) in parents.iter_mut().zip(lattice.parents(diamond)) {
+            if let Some(parent) = parent {
+                let (vertices, refined) = (self.vertices(parent)?, self.refined(parent)?);
+                *known = Some(refined.into_matrices(vertices));
+            }
+        }
+        let parents = parents.each_ref().map(|known| {
+            let (vertices, centres) = known.as_ref()?;
+            Some((vertices, centres))
+        });
+        Ok(child_vertices(lattice, diamond, parents))
+    }
+
+    /// The vertices, on its own level, of a diamond that was coded.
+    pub(super) fn vertices(&self, diamond: Diamond) -> Result<Matrix> {
+        let (level, number) = self.place(diamond);
+        let mut scratch = Vec::new();
+        let bytes = self.reached[level].vertices.get(number, &mut scratch)?;
+        let side = self.levels.lattice.cells() + 1;
+        Ok(matrix_of(bytes, self.components() * side * side))
+    }
+
+    /// What refining a diamond that was coded gave.
+    pub(super) fn refined(&self, diamond: Diamond) -> Result<Refined> {
+        let (level, number) = self.place(diamond);
+        let mut scratch = Vec::new();
+        let bytes = self.reached[level].refined.get(number, &mut scratch)?;
+        let cells = self.levels.lattice.cells();
+        let entries = [cells * cells, (cells + 1) * (cells + 1)];
+        Ok(refined_of(
+            bytes,
+            entries.map(|count| self.components() * count),
+        ))
+    }
+
+    /// Level of a diamond, and its number there.
+    fn place(&self, diamond: Diamond) -> (usize, usize) {
+        let (lattice, level) = (self.levels.lattice, diamond.level());
+        let number = lattice.rank(diamond) - lattice.level_ranks(level).start;
+        (level as usize, number as usize)
+    }
+
+    /// Gives `code` what a diamond is coded from.
+    fn with_input<T>(
+        &self,
+        diamond: Diamond,
+        vertices: &Matrix,
+        outline: &Outline,
+        code: impl Fn(Input) -> T,
+    ) -> Result<T> {
+        let (centres, voids) = self.levels.next_centres(diamond, outline)?;
+        let rank = self.levels.lattice.rank(diamond);
+        let target = Target {
+            vertices: self.levels.next_vertices(rank).unwrap_or(&vertices.values),
+            centres: &centres,
         };
-        let mut gathered = Vec::with_capacity(diamonds.len());
-        map_in_order::<_, Error>(self.threads, diamonds.len(), gather, |_, matrix| {
-            gathered.push(matrix);
-            Ok(())
-        })?;
-        self.vertices.append(&mut gathered);
-        Ok(())
+        Ok(code(Input {
+            vertices,
+            outline,
+            target,
+            voids: voids.as_deref(),
+        }))
     }
 }
 
-/// Gives `code` what a diamond is coded from.
-fn with_input<T>(
-    levels: &Levels,
-    diamond: Diamond,
-    rank: u64,
-    vertices: &Matrix,
-    outline: &Outline,
-    code: impl Fn(Input) -> T,
-) -> T {
-    let (centres, voids) = levels.next_centres(diamond, outline);
-    let target = Target {
-        vertices: levels.next_vertices(rank).unwrap_or(&vertices.values),
-        centres: &centres,
-    };
-    code(Input {
-        vertices,
-        outline,
-        target,
-        voids: voids.as_deref(),
-    })
+/// A matrix as bytes: its heights, and its mask if it has one.
+fn matrix_bytes(matrix: &Matrix) -> Vec<u8> {
+    let values: &[u8] = bytemuck::cast_slice(&matrix.values);
+    [values, matrix.valid.as_deref().unwrap_or_default()].concat()
 }
 
-/// Puts a diamond's heights on the next level at their places among all samples; returns how many samples
-/// its centres are.
-fn scatter(
-    levels: &Levels,
-    diamond: Diamond,
-    outline: &Outline,
-    refined: &Refined,
-    heights: &mut [i32],
-) -> u64 {
-    let (lattice, plane) = (levels.lattice, levels.plane);
-    let (placement, cells) = (lattice.placement(diamond), lattice.cells());
-    let side = cells + 1;
-    for (component, heights) in heights.chunks_exact_mut(plane.count()).enumerate() {
-        let centres = &refined.centres.values[component * cells * cells..][..cells * cells];
-        for (index, &height) in centres.iter().enumerate() {
-            if outline.is_codable(index) {
-                heights[plane.index(placement.centre(index % cells, index / cells))] = height;
-            }
-        }
-        let Some(vertices) = &refined.vertices else {
-            continue;
-        };
-        let vertices = &vertices.values[component * side * side..][..side * side];
-        for index in (1..cells).flat_map(|j| (1..cells).map(move |i| j * side + i)) {
-            let at = placement.vertex(index % side, index / side);
-            if lattice.in_raster(at) {
-                heights[plane.index(at)] = vertices[index];
-            }
-        }
+/// The matrix of `count` heights that has these bytes.
+fn matrix_of(bytes: &[u8], count: usize) -> Matrix {
+    let (values, valid) = bytes.split_at(4 * count);
+    let (values, _) = values.as_chunks::<4>();
+    Matrix {
+        values: values.iter().map(|&own| i32::from_ne_bytes(own)).collect(),
+        valid: (!valid.is_empty()).then(|| valid.into()),
     }
-    outline.codable_count(cells) as u64
+}
+
+/// What refining gave as bytes: the length of the centres', those, and the vertices' if there are any.
+fn refined_bytes(refined: &Refined) -> Vec<u8> {
+    let centres = matrix_bytes(&refined.centres);
+    let vertices = refined.vertices.as_ref().map(matrix_bytes);
+    let length = centres.len().to_ne_bytes();
+    [&length, &centres[..], &vertices.unwrap_or_default()].concat()
+}
+
+/// What has these bytes, with so many centres and vertices.
+fn refined_of(bytes: &[u8], [centres, vertices]: [usize; 2]) -> Refined {
+    let (length, rest) = bytes.split_at(size_of::<usize>());
+    let mut own = [0; size_of::<usize>()];
+    own.copy_from_slice(length);
+    let (centre_bytes, vertex_bytes) = rest.split_at(usize::from_ne_bytes(own));
+    Refined {
+        vertices: (!vertex_bytes.is_empty()).then(|| matrix_of(vertex_bytes, vertices)),
+        centres: matrix_of(centre_bytes, centres),
+    }
+}
+
+/// Least and greatest height of a matrix; of colours, of the first of their components.
+pub(super) fn extremes(matrix: &Matrix, components: usize) -> [i32; 2] {
+    let own = || matrix.values[..matrix.values.len() / components].iter();
+    let least = own().copied().min().unwrap_or_default();
+    let greatest = own().copied().max().unwrap_or_default();
+    [least, greatest]
+}
+
+/// The least range that contains both.
+pub(super) fn union(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
 }
 
 /// The encoder and the decoder contradict each other, which only a defect of this library can cause.

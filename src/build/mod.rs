@@ -4,6 +4,8 @@ mod bound;
 mod builder;
 mod coding;
 mod descent;
+mod filtered;
+mod leaf;
 mod levels;
 mod plane;
 mod rms;
@@ -11,6 +13,7 @@ pub mod source;
 mod summaries;
 mod surface;
 mod workers;
+mod workspace;
 
 pub use bound::longest_repository;
 pub use builder::{BuildOptions, BuildReport, build, build_into};

@@ -1,7 +1,9 @@
-//! The whole raster in memory.
+//! The whole raster, in memory or in a temporary file.
 
 use super::source::RasterSource;
-use crate::geo::RasterInfo;
+use super::workspace::{Spill, Workspace};
+use crate::geo::{RasterInfo, SampleType};
+use crate::lattice::CentreRun;
 use crate::{Error, Result};
 
 /// Samples as their source gave them, row by row; a void is NaN in all bands.
@@ -9,48 +11,66 @@ pub(super) struct Plane {
     pub(super) width: usize,
     pub(super) height: usize,
     /// Numbers of a sample.
-    bands: usize,
+    pub(super) bands: usize,
     /// `[sample * bands + band]`.
-    numbers: Vec<f64>,
+    numbers: Spill,
+    /// Numbers are kept as f32, which holds all of their type.
+    is_narrow: bool,
     /// Least and greatest number of any valid sample; zeros when there is none.
     pub(super) sample_range: [f64; 2],
     pub(super) void_samples: u64,
+}
+
+/// Memory for samples that are read; its content means nothing.
+#[derive(Default)]
+pub(super) struct Scratch {
+    bytes: Vec<u8>,
+    numbers: Vec<f64>,
 }
 
 /// Samples asked of a source at a time.
 const BAND_SAMPLES: usize = 1 << 20;
 
 impl Plane {
+    /// Bytes that a number of this type is kept in.
+    pub(super) fn number_bytes(sample_type: SampleType) -> u64 {
+        let is_wide = matches!(
+            sample_type,
+            SampleType::U32 | SampleType::I32 | SampleType::F64
+        );
+        if is_wide { 8 } else { 4 }
+    }
+
     /// Reads a source to its end; `progress` gets the samples read so far and returns false to cancel.
     pub(super) fn read(
         source: &mut dyn RasterSource,
+        workspace: &Workspace,
         mut progress: impl FnMut(u64) -> bool,
     ) -> Result<Plane> {
-        let (width, height) = (source.info().width as usize, source.info().height as usize);
-        let bands = usize::from(source.info().bands);
+        let info = source.info();
+        let (width, height) = (info.width as usize, info.height as usize);
+        let bands = usize::from(info.bands);
+        let number_bytes = Plane::number_bytes(info.sample_type);
         let exceeded = || Error::Argument(format!("{width} x {height} samples exceed the memory"));
         let count = width.checked_mul(height).ok_or_else(exceeded)?;
-        let length = count.checked_mul(bands);
-        let length = length.filter(|&length| length <= isize::MAX as usize / 8);
-        let mut numbers = Vec::new();
-        numbers
-            .try_reserve_exact(length.ok_or_else(exceeded)?)
-            .map_err(|_| exceeded())?;
+        let bytes = (count as u64).checked_mul(bands as u64 * number_bytes);
         let mut plane = Plane {
             width,
             height,
             bands,
-            numbers,
+            numbers: Spill::new(workspace, bytes.ok_or_else(exceeded)?)?,
+            is_narrow: number_bytes == 4,
             sample_range: [f64::INFINITY, f64::NEG_INFINITY],
             void_samples: 0,
         };
         let band_rows = (BAND_SAMPLES / width).max(1);
+        let mut band = Vec::new();
         for row in (0..height).step_by(band_rows) {
-            let end = (row + band_rows).min(height) * width;
-            plane.numbers.resize(end * bands, f64::NAN);
-            source.read_rows(&mut plane.numbers[row * width * bands..])?;
-            plane.take_statistics(row * width, source.info())?;
-            if !progress(end as u64) {
+            let end = (row + band_rows).min(height);
+            band.resize((end - row) * width * bands, f64::NAN);
+            source.read_rows(&mut band)?;
+            plane.take(&band, row * width, source.info())?;
+            if !progress((end * width) as u64) {
                 return Err(Error::Cancelled);
             }
         }
@@ -60,11 +80,11 @@ impl Plane {
         Ok(plane)
     }
 
-    fn take_statistics(&mut self, start: usize, info: &RasterInfo) -> Result<()> {
+    /// Keeps the samples from number `start` on, and what is to be said of all of them.
+    fn take(&mut self, numbers: &[f64], start: usize, info: &RasterInfo) -> Result<()> {
         let [mut low, mut high] = self.sample_range;
         let what = if self.bands == 1 { "height" } else { "colour" };
-        let samples = self.numbers[start * self.bands..].chunks_exact(self.bands);
-        for (offset, sample) in samples.enumerate() {
+        for (offset, sample) in numbers.chunks_exact(self.bands).enumerate() {
             if is_void(sample) {
                 self.void_samples += 1;
                 continue;
@@ -84,17 +104,12 @@ impl Plane {
             }
         }
         self.sample_range = [low, high];
-        Ok(())
-    }
-
-    /// Where the sample at a position in the raster is among all.
-    pub(super) fn index(&self, [column, row]: [i64; 2]) -> usize {
-        row as usize * self.width + column as usize
-    }
-
-    /// Whether the sample at a position in the raster is void.
-    pub(super) fn is_void(&self, at: [i64; 2]) -> bool {
-        self.numbers[self.index(at) * self.bands].is_nan()
+        if self.is_narrow {
+            let narrow: Vec<f32> = numbers.iter().map(|&number| number as f32).collect();
+            self.numbers.append(bytemuck::cast_slice(&narrow))
+        } else {
+            self.numbers.append(bytemuck::cast_slice(numbers))
+        }
     }
 
     /// How many samples there are, valid and void.
@@ -102,18 +117,69 @@ impl Plane {
         self.width * self.height
     }
 
-    /// All samples with their numbers; `None` for a void.
-    pub(super) fn samples(&self) -> impl Iterator<Item = Option<&[f64]>> {
-        let samples = self.numbers.chunks_exact(self.bands);
-        samples.map(|sample| (!is_void(sample)).then_some(sample))
+    /// The samples at the centres of a run, which lies inside the raster: `[centre * bands + band]`.
+    pub(super) fn read_run<'a>(
+        &self,
+        run: CentreRun,
+        scratch: &'a mut Scratch,
+    ) -> Result<&'a [f64]> {
+        let length = if self.is_narrow { 4 } else { 8 };
+        let sample = length * self.bands;
+        let start = run.row as u64 * self.width as u64 + run.column as u64;
+        let span = (run.count - 1) * run.step as usize + 1;
+        let Scratch { bytes, numbers } = scratch;
+        let bytes = self
+            .numbers
+            .read(start * sample as u64, span * sample, bytes)?;
+        numbers.clear();
+        let samples = bytes.chunks(sample * run.step as usize);
+        for sample in samples.map(|spaced| &spaced[..sample]) {
+            if self.is_narrow {
+                let own = sample.as_chunks::<4>().0;
+                numbers.extend(
+                    own.iter()
+                        .map(|&bytes| f64::from(f32::from_ne_bytes(bytes))),
+                );
+            } else {
+                let own = sample.as_chunks::<8>().0;
+                numbers.extend(own.iter().map(|&bytes| f64::from_ne_bytes(bytes)));
+            }
+        }
+        Ok(numbers)
     }
 
-    /// All numbers of all samples, NaN those of voids.
-    pub(super) fn numbers(&self) -> &[f64] {
-        &self.numbers
+    /// The samples of a row from one column on.
+    pub(super) fn read_row<'a>(
+        &self,
+        row: i64,
+        column: i64,
+        count: usize,
+        scratch: &'a mut Scratch,
+    ) -> Result<&'a [f64]> {
+        let run = CentreRun {
+            row,
+            column,
+            step: 1,
+            count,
+            index: 0,
+            stride: 1,
+        };
+        self.read_run(run, scratch)
+    }
+
+    /// Whether all rows have a property, which is told their numbers.
+    pub(super) fn all_rows(&self, mut has: impl FnMut(&[f64]) -> bool) -> Result<bool> {
+        let mut scratch = Scratch::default();
+        for row in 0..self.height as i64 {
+            if !has(self.read_row(row, 0, self.width, &mut scratch)?) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 }
 
-fn is_void(sample: &[f64]) -> bool {
+/// Whether a sample is void.
+pub(super) fn is_void(sample: &[f64]) -> bool {
     sample.first().is_none_or(|number| number.is_nan())
 }

@@ -1,11 +1,11 @@
 //! The stored error and height range of every diamond.
 
-use super::descent::Descent;
-use super::levels::Levels;
-use super::surface::LeafSurface;
-use super::workers::map_in_order;
+use super::descent::{Descent, extremes, union};
+use super::leaf::{Deviation, Tile, walk_tiles};
+use super::surface::{Finding, look_at};
 use crate::Result;
-use crate::codec::{ErrorCode, Matrix, RangeCode};
+use crate::codec::{Components, ErrorCode, RangeCode};
+use crate::lattice::Lattice;
 
 /// What is stored of all diamonds beside their blocks.
 pub(super) struct Summaries {
@@ -15,73 +15,58 @@ pub(super) struct Summaries {
     pub(super) range: [i32; 2],
 }
 
-/// The summaries after a whole descent. `range` is that of the input, widened here to contain every
-/// decoded height. `step` is told of samples measured.
+/// The summaries after a whole descent, and how far it came from the input. The range is that of the input,
+/// widened to contain every decoded height. `step` is told of samples measured.
 pub(super) fn summarise(
-    levels: &Levels,
     descent: &Descent,
-    range: [i32; 2],
+    components: &Components,
     threads: usize,
     step: &mut dyn FnMut(u64) -> Result<()>,
-) -> Result<Summaries> {
-    let lattice = levels.lattice;
-    let count = lattice.diamond_count() as usize;
-    let surface = LeafSurface {
-        lattice,
-        plane: levels.plane,
-        heights: &descent.heights,
-    };
-    let mut errors = Vec::with_capacity(count);
-    let per_level = levels.plane.count() as u64;
-    let measure =
-        |rank: usize| surface.error_of(lattice.diamond(rank as u64), &descent.vertices[rank]);
-    map_in_order(threads, count, measure, |rank, error| {
-        errors.push(error);
-        let ranks = lattice.level_ranks(lattice.diamond(rank as u64).level());
-        step(per_level / (ranks.end - ranks.start))
-    })?;
-    let ranges = nest(levels, descent, &mut errors);
-    // The root contains all, but a root alone has no summary.
-    let widest = ranges.first().copied();
-    let range = union(
-        range,
-        widest.unwrap_or(extremes(&descent.vertices[0], levels.components)),
-    );
-    let codes = encode(levels, &errors, &ranges, range);
-    Ok(Summaries { codes, range })
-}
-
-/// Makes every diamond's error and range contain those of its children; returns the ranges.
-fn nest(levels: &Levels, descent: &Descent, errors: &mut [f64]) -> Vec<[i32; 2]> {
-    let (lattice, count) = (levels.lattice, errors.len());
-    let mut ranges: Vec<[i32; 2]> = {
-        let vertices = descent.vertices[..count].iter();
-        vertices
-            .map(|own| extremes(own, levels.components))
-            .collect()
-    };
-    let last_level = lattice.levels().saturating_sub(1);
-    let last_start = count - descent.refined.len().min(count);
-    for rank in (0..count).rev() {
-        let diamond = lattice.diamond(rank as u64);
-        if diamond.level() == last_level {
-            let refined = &descent.refined[rank - last_start];
-            ranges[rank] = union(ranges[rank], extremes(&refined.centres, levels.components));
-            if let Some(vertices) = &refined.vertices {
-                ranges[rank] = union(ranges[rank], extremes(vertices, levels.components));
+) -> Result<(Summaries, Deviation)> {
+    let lattice = descent.levels.lattice;
+    let mut findings = vec![Finding::default(); lattice.diamond_count() as usize];
+    let has_voids = descent.levels.plane.void_samples > 0;
+    let look = |tile: &Tile| {
+        let mut seen = Vec::new();
+        for level in 0..lattice.levels() {
+            for diamond in lattice.diamonds_around(level, tile.first, tile.last) {
+                let vertices = descent.vertices(diamond)?;
+                let finding = look_at(lattice, diamond, &vertices, tile, has_voids);
+                seen.push((lattice.rank(diamond), finding));
             }
         }
+        Ok(seen)
+    };
+    let deviation = walk_tiles(descent, components, threads, look, |seen, samples| {
+        for (rank, finding) in seen {
+            findings[rank as usize].merge(finding);
+        }
+        step(samples)
+    })?;
+    let mut errors: Vec<f64> = findings.iter().map(Finding::error).collect();
+    let mut ranges = descent.ranges.clone();
+    nest(lattice, &mut errors, &mut ranges);
+    // The root contains all, but a root alone has no summary.
+    let widest = ranges.first().copied();
+    let widest = widest.unwrap_or(extremes(&descent.root, components.count()));
+    let range = union(components.range(0), widest);
+    let codes = encode(lattice, &errors, &ranges, range);
+    Ok((Summaries { codes, range }, deviation))
+}
+
+/// Makes every diamond's error and range contain those of its children.
+fn nest(lattice: &Lattice, errors: &mut [f64], ranges: &mut [[i32; 2]]) {
+    for rank in (0..errors.len()).rev() {
+        let diamond = lattice.diamond(rank as u64);
         for parent in lattice.parents(diamond).into_iter().flatten() {
             let parent = lattice.rank(parent) as usize;
             errors[parent] = errors[parent].max(errors[rank]);
             ranges[parent] = union(ranges[parent], ranges[rank]);
         }
     }
-    ranges
 }
 
-fn encode(levels: &Levels, errors: &[f64], ranges: &[[i32; 2]], whole: [i32; 2]) -> Vec<[u8; 3]> {
-    let lattice = levels.lattice;
+fn encode(lattice: &Lattice, errors: &[f64], ranges: &[[i32; 2]], whole: [i32; 2]) -> Vec<[u8; 3]> {
     let mut decoded: Vec<[i32; 2]> = Vec::with_capacity(ranges.len());
     let mut codes = Vec::with_capacity(ranges.len());
     for (rank, (&error, &range)) in errors.iter().zip(ranges).enumerate() {
@@ -95,17 +80,4 @@ fn encode(levels: &Levels, errors: &[f64], ranges: &[[i32; 2]], whole: [i32; 2])
         codes.push([ErrorCode::covering(error).0, code.low, code.high]);
     }
     codes
-}
-
-/// Least and greatest height of a matrix; of colours, of the first of their components.
-fn extremes(matrix: &Matrix, components: usize) -> [i32; 2] {
-    let own = || matrix.values[..matrix.values.len() / components].iter();
-    let least = own().copied().min().unwrap_or_default();
-    let greatest = own().copied().max().unwrap_or_default();
-    [least, greatest]
-}
-
-/// The least range that contains both.
-fn union(a: [i32; 2], b: [i32; 2]) -> [i32; 2] {
-    [a[0].min(b[0]), a[1].max(b[1])]
 }

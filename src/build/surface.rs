@@ -1,15 +1,35 @@
 //! The stored error of each diamond: how far its own triangles are from the leaf surface.
 
-use super::plane::Plane;
+use super::leaf::Tile;
 use crate::codec::Matrix;
 use crate::lattice::{Diamond, Lattice};
 
-/// The leaf level as decoded, in units, with the voids of the raster.
-pub(super) struct LeafSurface<'a> {
-    pub(super) lattice: &'a Lattice,
-    pub(super) plane: &'a Plane,
-    /// One height a sample, row by row, component after component; meaningless at voids.
-    pub(super) heights: &'a [i32],
+/// What part of the leaf surface shows of a diamond.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Finding {
+    /// The largest |leaf height - height of the diamond's own triangles|, in units, over all components.
+    distance: f64,
+    any_void: bool,
+    /// Triangles of the diamond, or of the leaf level in its square, are drawn.
+    any_surface: bool,
+}
+
+impl Finding {
+    /// Takes in what another part shows.
+    pub(super) fn merge(&mut self, other: Finding) {
+        self.distance = self.distance.max(other.distance);
+        self.any_void |= other.any_void;
+        self.any_surface |= other.any_surface;
+    }
+
+    /// The error: infinite where the diamond's triangles cover a void or leave ground bare.
+    pub(super) fn error(&self) -> f64 {
+        match (self.any_void, self.any_surface) {
+            (true, true) => f64::INFINITY,
+            (true, false) => 0.0,
+            (false, _) => self.distance,
+        }
+    }
 }
 
 /// Where the samples of a diamond lie on the axes of its matrix: cells are `extent` wide, and sample
@@ -47,116 +67,132 @@ impl Axes {
     }
 }
 
-impl LeafSurface<'_> {
-    /// The largest |leaf height - height of the diamond's own triangles|, in units, over all components of
-    /// all valid samples in the closed square; infinite where its triangles cover a void or leave ground bare.
-    pub(super) fn error_of(&self, diamond: Diamond, vertices: &Matrix) -> f64 {
-        let axes = Axes::of(self.lattice, diamond);
-        let cells = self.lattice.cells();
-        let own = vertices.values.chunks_exact((cells + 1) * (cells + 1));
-        let triangles = own.map(|vertices| Triangles {
-            vertices,
-            cells: cells as i64,
-            shift: axes.extent.trailing_zeros(),
-            main: self.lattice.has_main_hypotenuse(diamond),
-        });
-        let heights = self.heights.chunks_exact(self.plane.count());
-        let components: Vec<_> = triangles.zip(heights).collect();
-        let (mut largest, mut any_void) = (0i64, false);
-        for row in self.rows(diamond) {
-            for column in self.columns(diamond, row) {
-                if self.plane.void_samples > 0 && self.plane.is_void([column, row]) {
-                    any_void = true;
-                    continue;
-                }
-                let index = self.plane.index([column, row]);
-                let [u, v] = axes.coordinates(column, row);
-                for (triangles, heights) in &components {
-                    let difference = triangles.scaled_difference(u, v, heights[index]);
-                    largest = largest.max(difference.abs());
-                }
+/// A diamond over a part of the leaf level.
+struct Place<'a> {
+    lattice: &'a Lattice,
+    diamond: Diamond,
+    tile: &'a Tile,
+    /// The least and greatest column and row of the diamond's box.
+    corners: [[i64; 2]; 2],
+}
+
+/// What a tile shows of a diamond with these vertices; `has_voids` says whether any tile has.
+pub(super) fn look_at(
+    lattice: &Lattice,
+    diamond: Diamond,
+    vertices: &Matrix,
+    tile: &Tile,
+    has_voids: bool,
+) -> Finding {
+    let axes = Axes::of(lattice, diamond);
+    let cells = lattice.cells();
+    let own = vertices.values.chunks_exact((cells + 1) * (cells + 1));
+    let triangles = own.map(|vertices| Triangles {
+        vertices,
+        cells: cells as i64,
+        shift: axes.extent.trailing_zeros(),
+        main: lattice.has_main_hypotenuse(diamond),
+        step: [1, i64::from(axes.turned)],
+    });
+    let place = Place::new(lattice, diamond, tile);
+    let (mut largest, mut any_void) = (0i64, false);
+    for (component, triangles) in triangles.enumerate() {
+        for row in place.rows() {
+            let columns = place.columns(row);
+            if columns.is_empty() {
+                continue;
             }
+            let (first, last) = (*columns.start(), *columns.end());
+            if tile.any_void && columns.clone().any(|column| tile.is_void([column, row])) {
+                any_void = true;
+                continue;
+            }
+            let heights = tile.heights(component, row, [first, last]);
+            let [u, v] = axes.coordinates(first, row);
+            largest = largest.max(triangles.greatest_difference(u, v, heights));
         }
-        if any_void {
-            let has_surface = self.draws_any(diamond, vertices) || self.has_ground(diamond);
-            return if has_surface { f64::INFINITY } else { 0.0 };
+    }
+    Finding {
+        distance: largest as f64 / axes.extent as f64,
+        any_void,
+        any_surface: any_void && draws_any(lattice, diamond, vertices)
+            || has_voids && place.has_ground(),
+    }
+}
+
+/// Whether any triangle of the diamond is drawn.
+fn draws_any(lattice: &Lattice, diamond: Diamond, vertices: &Matrix) -> bool {
+    if vertices.valid.is_none() {
+        return true;
+    }
+    let (placement, cells) = (lattice.placement(diamond), lattice.cells());
+    let main = lattice.has_main_hypotenuse(diamond);
+    (0..cells * cells).any(|index| {
+        let (i, j) = (index % cells, index / cells);
+        split([[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], main)
+            .into_iter()
+            .any(|triangle| {
+                let places = triangle.map(|[i, j]| placement.vertex(i, j));
+                let valid = triangle.map(|[i, j]| vertices.is_valid(j * (cells + 1) + i));
+                lattice.draws(false, places, valid)
+            })
+    })
+}
+
+impl<'a> Place<'a> {
+    fn new(lattice: &'a Lattice, diamond: Diamond, tile: &'a Tile) -> Place<'a> {
+        let placement = lattice.placement(diamond);
+        let cells = lattice.cells();
+        let ends = [placement.vertex(0, 0), placement.vertex(cells, cells)];
+        let centre = [0, 1].map(|axis| (ends[0][axis] + ends[1][axis]) / 2);
+        let half = (ends[1][0] - ends[0][0]) / 2;
+        Place {
+            lattice,
+            diamond,
+            tile,
+            corners: [-half, half].map(|offset| centre.map(|middle| middle + offset)),
         }
-        largest as f64 / axes.extent as f64
     }
 
-    /// Rows of the raster that the closed square meets.
-    fn rows(&self, diamond: Diamond) -> std::ops::RangeInclusive<i64> {
-        let [_, low] = self.corner(diamond, -1);
-        let [_, high] = self.corner(diamond, 1);
-        low.max(0)..=high.min(self.plane.height as i64 - 1)
+    /// Rows of the tile that the closed square meets.
+    fn rows(&self) -> std::ops::RangeInclusive<i64> {
+        let [low, high] = self.corners;
+        low[1].max(self.tile.first[1])..=high[1].min(self.tile.last[1])
     }
 
-    /// Columns of the raster in the closed square at `row`.
-    fn columns(&self, diamond: Diamond, row: i64) -> std::ops::RangeInclusive<i64> {
-        let ([left, top], [right, bottom]) = (self.corner(diamond, -1), self.corner(diamond, 1));
+    /// Columns of the tile in the closed square at `row`.
+    fn columns(&self, row: i64) -> std::ops::RangeInclusive<i64> {
+        let [[left, top], [right, bottom]] = self.corners;
         // A turned square narrows by one column a row from its middle.
-        let inset = if diamond.level() % 2 == 1 {
+        let inset = if self.diamond.level() % 2 == 1 {
             (2 * row - top - bottom).abs() / 2
         } else {
             0
         };
-        (left + inset).max(0)..=(right - inset).min(self.plane.width as i64 - 1)
+        (left + inset).max(self.tile.first[0])..=(right - inset).min(self.tile.last[0])
     }
 
-    /// A corner of the diamond's axis-aligned box, in samples.
-    fn corner(&self, diamond: Diamond, sign: i64) -> [i64; 2] {
-        let placement = self.lattice.placement(diamond);
-        let cells = self.lattice.cells();
-        let ends = [placement.vertex(0, 0), placement.vertex(cells, cells)];
-        let centre = [(ends[0][0] + ends[1][0]) / 2, (ends[0][1] + ends[1][1]) / 2];
-        let half = (ends[1][0] - ends[0][0]) / 2;
-        [centre[0] + sign * half, centre[1] + sign * half]
-    }
-
-    /// Whether any triangle of the diamond is drawn.
-    fn draws_any(&self, diamond: Diamond, vertices: &Matrix) -> bool {
-        if vertices.valid.is_none() {
-            return true;
-        }
-        let (placement, cells) = (self.lattice.placement(diamond), self.lattice.cells());
-        let main = self.lattice.has_main_hypotenuse(diamond);
-        (0..cells * cells).any(|index| {
-            let (i, j) = (index % cells, index / cells);
-            split([[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], main)
-                .into_iter()
-                .any(|triangle| {
-                    let places = triangle.map(|[i, j]| placement.vertex(i, j));
-                    let valid = triangle.map(|[i, j]| vertices.is_valid(j * (cells + 1) + i));
-                    self.lattice.draws(false, places, valid)
-                })
-        })
-    }
-
-    /// Whether any leaf triangle with three valid vertices lies in the closed square.
-    fn has_ground(&self, diamond: Diamond) -> bool {
+    /// Whether any leaf triangle with three valid vertices lies in the closed square and the tile.
+    fn has_ground(&self) -> bool {
         let shift = self.lattice.cells_log2();
         let inside = |[column, row]: [i64; 2]| {
-            self.rows(diamond).contains(&row) && self.columns(diamond, row).contains(&column)
+            self.rows().contains(&row) && self.columns(row).contains(&column)
         };
         let drawn = |triangle: [[i64; 2]; 3]| {
             triangle
                 .into_iter()
-                .all(|at| inside(at) && !self.plane.is_void(at))
+                .all(|at| inside(at) && !self.tile.is_void(at))
         };
-        self.rows(diamond).any(|row| {
-            self.columns(diamond, row).any(|column| {
+        self.rows().any(|row| {
+            self.columns(row).any(|column| {
                 // Around a sample of the square: the cells to the right, above and below.
                 [(column, row), (column, row - 1)]
                     .into_iter()
                     .any(|(x, y)| {
-                        let [a, b, c, d] = [[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]];
                         let main = ((x >> shift) + (y >> shift)) % 2 == 0;
-                        let pair = if main {
-                            [[a, b, c], [a, c, d]]
-                        } else {
-                            [[a, b, d], [b, c, d]]
-                        };
-                        pair.into_iter().any(drawn)
+                        split([[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]], main)
+                            .into_iter()
+                            .any(drawn)
                     })
             })
         })
@@ -180,12 +216,39 @@ struct Triangles<'a> {
     shift: u32,
     /// Cells are split from (0, 0) to (1, 1), else from (1, 0) to (0, 1).
     main: bool,
+    /// What (u, v) grows by from one sample of a row to the next.
+    step: [i64; 2],
+}
+
+/// A surface along a row of samples that one triangle covers: `start + k * slope` at the k-th, times the extent.
+struct Segment {
+    start: i64,
+    slope: i64,
+    count: usize,
 }
 
 impl Triangles<'_> {
-    /// `extent * (height - surface at (u, v))`, exact.
+    /// The largest `extent * |height - surface|` in a row of samples that begins at (u, v), exact.
+    fn greatest_difference(&self, mut u: i64, mut v: i64, mut heights: &[i32]) -> i64 {
+        let mut largest = 0;
+        while !heights.is_empty() {
+            let segment = self.segment(u, v);
+            let count = segment.count.min(heights.len());
+            let mut surface = segment.start;
+            for &height in &heights[..count] {
+                largest = largest.max(((i64::from(height) << self.shift) - surface).abs());
+                surface += segment.slope;
+            }
+            u += count as i64 * self.step[0];
+            v += count as i64 * self.step[1];
+            heights = &heights[count..];
+        }
+        largest
+    }
+
+    /// The surface from (u, v) on.
     #[inline]
-    fn scaled_difference(&self, u: i64, v: i64, height: i32) -> i64 {
+    fn segment(&self, u: i64, v: i64) -> Segment {
         let extent = 1i64 << self.shift;
         let (i, j) = (
             (u >> self.shift).min(self.cells - 1),
@@ -196,17 +259,31 @@ impl Triangles<'_> {
         let below = index + self.cells as usize + 1;
         let at = |index: usize| i64::from(self.vertices[index]);
         let [v00, v10, v01, v11] = [at(index), at(index + 1), at(below), at(below + 1)];
-        let scaled = if self.main {
-            if a >= b {
-                extent * v00 + a * (v10 - v00) + b * (v11 - v10)
-            } else {
-                extent * v00 + b * (v01 - v00) + a * (v11 - v01)
-            }
-        } else if a + b <= extent {
-            extent * v00 + a * (v10 - v00) + b * (v01 - v00)
-        } else {
-            extent * v11 + (extent - a) * (v01 - v11) + (extent - b) * (v10 - v11)
+        // To the cell's end, and to where its two triangles meet.
+        let to_end = match self.step {
+            [_, 0] => extent - a,
+            _ => extent - a.max(b),
         };
-        extent * i64::from(height) - scaled
+        let (start, along, across, left) = if self.main && a >= b {
+            let (along, across) = (v10 - v00, v11 - v10);
+            (extent * v00 + a * along + b * across, along, across, to_end)
+        } else if self.main {
+            let (along, across) = (v11 - v01, v01 - v00);
+            let left = if self.step[1] == 0 { b - a } else { to_end };
+            (extent * v00 + b * across + a * along, along, across, left)
+        } else if a + b <= extent {
+            let (along, across) = (v10 - v00, v01 - v00);
+            let left = (extent - a - b) >> self.step[1];
+            (extent * v00 + a * along + b * across, along, across, left)
+        } else {
+            let (along, across) = (v11 - v01, v11 - v10);
+            let start = extent * v11 - (extent - a) * along - (extent - b) * across;
+            (start, along, across, to_end)
+        };
+        Segment {
+            start,
+            slope: along + self.step[1] * across,
+            count: left as usize + 1,
+        }
     }
 }

@@ -33,6 +33,21 @@ impl Trace {
         self.contexts.extend_from_slice(&outlook.contexts);
     }
 
+    /// Contexts and coefficients as they are in memory.
+    pub(super) fn as_bytes(&self) -> Vec<u8> {
+        [&self.contexts, bytemuck::cast_slice(&self.coefficients)].concat()
+    }
+
+    /// The trace that has these bytes.
+    pub(super) fn of_bytes(bytes: &[u8]) -> Trace {
+        // One byte and four an entry.
+        let (contexts, coefficients) = bytes.split_at(bytes.len() / 5);
+        Trace {
+            contexts: contexts.to_vec(),
+            coefficients: bytemuck::pod_collect_to_vec(coefficients),
+        }
+    }
+
     /// Whether all coefficients are 0.
     pub fn is_zero(&self) -> bool {
         self.coefficients

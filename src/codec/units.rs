@@ -199,24 +199,21 @@ impl Units {
         if up <= high { up } else { down }
     }
 
-    /// A unit of which every sample is a multiple, exactly as stored: a power of ten or of two from 1
-    /// down, or `None`.
-    pub fn common_unit(sample_type: SampleType, samples: &[f64]) -> Option<f64> {
+    /// Units that samples of floats may all be multiples of: powers of ten or of two, from 1 down.
+    pub fn whole_units() -> impl Iterator<Item = f64> {
         let tens = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
         let twos = (1..=20).map(|bits| 1.0 / f64::from(1 << bits));
-        tens.into_iter().chain(twos).find(|&unit| {
-            samples
-                .iter()
-                .filter(|sample| !sample.is_nan())
-                .all(|&sample| {
-                    let count = (sample / unit).round();
-                    let restored = count * unit;
-                    let restored = match sample_type {
-                        SampleType::F32 => f64::from(restored as f32),
-                        _ => restored,
-                    };
-                    count.abs() < GREATEST_FLOAT_UNIT && restored == sample
-                })
-        })
+        tens.into_iter().chain(twos)
+    }
+
+    /// Whether a sample is a multiple of a unit, exactly as stored. A void is.
+    pub fn is_multiple(sample_type: SampleType, sample: f64, unit: f64) -> bool {
+        let count = (sample / unit).round();
+        let restored = count * unit;
+        let restored = match sample_type {
+            SampleType::F32 => f64::from(restored as f32),
+            _ => restored,
+        };
+        sample.is_nan() || count.abs() < GREATEST_FLOAT_UNIT && restored == sample
     }
 }

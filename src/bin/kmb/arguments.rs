@@ -99,6 +99,9 @@ pub struct Build {
     /// Cells along a diamond's side
     #[arg(long, value_enum, default_value = "64")]
     pub cells: Cells,
+    /// Memory that the build may take; what does not fit goes to temporary files beside the output [default: no limit]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..1 << 40))]
+    pub memory: Option<u64>,
     /// Number of threads; 0 uses all processors
     #[arg(long, default_value_t = 0)]
     pub threads: usize,

@@ -88,6 +88,7 @@ fn build(arguments: &arguments::Build) -> Result<Report> {
             .map(|file| tables_of(file, transform))
             .transpose()?,
         cells_log2: arguments.cells as u32,
+        memory: arguments.memory.map(|mebibytes| mebibytes << 20),
         threads: arguments.threads,
     };
     let output = &arguments.output;

@@ -1,0 +1,210 @@
+//! The leaf level as decoded, tile by tile, beside the samples that it stands for.
+
+use super::descent::Descent;
+use super::plane::{Scratch, is_void};
+use super::workers::map_in_order;
+use crate::Result;
+use crate::codec::Components;
+use crate::lattice::{Diamond, centre_runs};
+
+/// Samples along a tile's side, the last of which are the first of the next tile.
+const TILE: i64 = 256;
+
+/// A closed rectangle of samples.
+pub(super) struct Tile {
+    pub(super) first: [i64; 2],
+    pub(super) last: [i64; 2],
+    /// Decoded heights in units, row by row, component after component; meaningless at voids.
+    heights: Vec<i32>,
+    /// Row by row.
+    voids: Vec<bool>,
+    pub(super) any_void: bool,
+    /// The samples as given: `[sample * bands + band]`, row by row.
+    given: Vec<f64>,
+}
+
+/// How far decoded samples are from the given ones, in numbers of the raster.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Deviation {
+    pub(super) largest: f64,
+    sum_of_squares: f64,
+    count: u64,
+}
+
+impl Deviation {
+    fn merge(&mut self, other: Deviation) {
+        self.largest = self.largest.max(other.largest);
+        self.sum_of_squares += other.sum_of_squares;
+        self.count += other.count;
+    }
+
+    /// Root of the mean square.
+    pub(super) fn rms(&self) -> f64 {
+        (self.sum_of_squares / self.count.max(1) as f64).sqrt()
+    }
+}
+
+/// Shows every tile of a raster whose levels are all coded to `look`, and what it makes of them, in order, to
+/// `consume`, with the count of its samples. Measures the error on the way.
+pub(super) fn walk_tiles<T: Send>(
+    descent: &Descent,
+    components: &Components,
+    threads: usize,
+    look: impl Fn(&Tile) -> Result<T> + Sync,
+    mut consume: impl FnMut(T, u64) -> Result<()>,
+) -> Result<Deviation> {
+    let lattice = descent.levels.lattice;
+    let ends = [lattice.width(), lattice.height()].map(|side| i64::from(side) - 1);
+    let [columns, rows] = ends.map(|end| (end as u64).div_ceil(TILE as u64) as usize);
+    let work = |index: usize| {
+        let at = [index % columns, index / columns];
+        let first = at.map(|place| place as i64 * TILE);
+        let last = [0, 1].map(|axis| (first[axis] + TILE).min(ends[axis]));
+        let tile = Tile::new(descent, first, last)?;
+        // The last row and column are the next tile's, unless there is none.
+        let owned = [0, 1].map(|axis| last[axis] - i64::from(last[axis] < ends[axis]));
+        let samples = (owned[0] - first[0] + 1) * (owned[1] - first[1] + 1);
+        let deviation = tile.deviation(components, owned);
+        Ok((look(&tile)?, deviation, samples as u64))
+    };
+    let mut all = Deviation::default();
+    map_in_order(threads, columns * rows, work, |_, done| {
+        let (made, deviation, samples) = done?;
+        all.merge(deviation);
+        consume(made, samples)
+    })?;
+    Ok(all)
+}
+
+impl Tile {
+    fn new(descent: &Descent, first: [i64; 2], last: [i64; 2]) -> Result<Tile> {
+        let plane = descent.levels.plane;
+        let (width, height) = (last[0] - first[0] + 1, last[1] - first[1] + 1);
+        let count = (width * height) as usize;
+        let mut tile = Tile {
+            first,
+            last,
+            heights: vec![0; descent.levels.components.count() * count],
+            voids: Vec::new(),
+            any_void: false,
+            given: Vec::with_capacity(count * plane.bands),
+        };
+        let mut scratch = Scratch::default();
+        for row in first[1]..=last[1] {
+            let given = plane.read_row(row, first[0], width as usize, &mut scratch)?;
+            tile.given.extend_from_slice(given);
+        }
+        tile.voids = tile.given.chunks_exact(plane.bands).map(is_void).collect();
+        tile.any_void = tile.voids.contains(&true);
+        tile.decode(descent)?;
+        Ok(tile)
+    }
+
+    /// Puts all heights that were decoded at their places, those of finer levels over those of coarser ones.
+    fn decode(&mut self, descent: &Descent) -> Result<()> {
+        let lattice = descent.levels.lattice;
+        let side = lattice.cells() + 1;
+        self.put_vertices(descent, lattice.root(), &descent.root.values, 0..side);
+        for level in 0..lattice.levels() {
+            for diamond in lattice.diamonds_around(level, self.first, self.last) {
+                let refined = descent.refined(diamond)?;
+                self.put_centres(descent, diamond, &refined.centres.values);
+                if let Some(vertices) = &refined.vertices {
+                    // Those on the boundary are of a coarser level.
+                    self.put_vertices(descent, diamond, &vertices.values, 1..side - 1);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn put_centres(&mut self, descent: &Descent, diamond: Diamond, centres: &[i32]) {
+        let lattice = descent.levels.lattice;
+        let (cells, count) = (lattice.cells(), self.voids.len());
+        for run in centre_runs(lattice.placement(diamond), cells) {
+            let run = run.within(self.first[0], self.last[0]);
+            let rows = self.first[1]..=self.last[1];
+            let Some(run) = run.filter(|run| rows.contains(&run.row)) else {
+                continue;
+            };
+            let start = self.index([run.column, run.row]);
+            let own = centres.chunks_exact(cells * cells);
+            for (heights, own) in self.heights.chunks_exact_mut(count).zip(own) {
+                let places = heights[start..].iter_mut().step_by(run.step as usize);
+                let own = own[run.index..].iter().step_by(run.stride).take(run.count);
+                for (height, &decoded) in places.zip(own) {
+                    *height = decoded;
+                }
+            }
+        }
+    }
+
+    fn put_vertices(
+        &mut self,
+        descent: &Descent,
+        diamond: Diamond,
+        vertices: &[i32],
+        indices: std::ops::Range<usize>,
+    ) {
+        let lattice = descent.levels.lattice;
+        let placement = lattice.placement(diamond);
+        let (side, count) = (lattice.cells() + 1, self.voids.len());
+        for j in indices.clone() {
+            for i in indices.clone() {
+                let at = placement.vertex(i, j);
+                if !self.contains(at) {
+                    continue;
+                }
+                let index = self.index(at);
+                let own = vertices.chunks_exact(side * side);
+                for (heights, own) in self.heights.chunks_exact_mut(count).zip(own) {
+                    heights[index] = own[j * side + i];
+                }
+            }
+        }
+    }
+
+    fn contains(&self, at: [i64; 2]) -> bool {
+        (0..2).all(|axis| (self.first[axis]..=self.last[axis]).contains(&at[axis]))
+    }
+
+    fn index(&self, [column, row]: [i64; 2]) -> usize {
+        ((row - self.first[1]) * (self.last[0] - self.first[0] + 1) + column - self.first[0])
+            as usize
+    }
+
+    /// Whether a sample of the tile is void.
+    pub(super) fn is_void(&self, at: [i64; 2]) -> bool {
+        self.voids[self.index(at)]
+    }
+
+    /// The decoded heights of a component in a row of the tile, from one column to another, both included.
+    pub(super) fn heights(&self, component: usize, row: i64, columns: [i64; 2]) -> &[i32] {
+        let own = &self.heights[component * self.voids.len()..];
+        &own[self.index([columns[0], row])..=self.index([columns[1], row])]
+    }
+
+    /// How far the samples up to column and row `end` are from the given ones.
+    fn deviation(&self, components: &Components, end: [i64; 2]) -> Deviation {
+        let (bands, count) = (self.given.len() / self.voids.len(), self.voids.len());
+        let mut deviation = Deviation::default();
+        let mut decoded = vec![0.0; bands];
+        for row in self.first[1]..=end[1] {
+            for index in self.index([self.first[0], row])..=self.index([end[0], row]) {
+                if self.voids[index] {
+                    continue;
+                }
+                let unit = |component: usize| self.heights[component * count + index];
+                components.to_sample(unit, &mut decoded);
+                let given = &self.given[index * bands..(index + 1) * bands];
+                for (decoded, given) in decoded.iter().zip(given) {
+                    let error = (decoded - given).abs();
+                    deviation.largest = deviation.largest.max(error);
+                    deviation.sum_of_squares += error * error;
+                    deviation.count += 1;
+                }
+            }
+        }
+        deviation
+    }
+}
