@@ -132,20 +132,24 @@ impl Plane {
             .numbers
             .read(start * sample as u64, span * sample, bytes)?;
         numbers.clear();
-        let samples = bytes.chunks(sample * run.step as usize);
-        for sample in samples.map(|spaced| &spaced[..sample]) {
-            if self.is_narrow {
-                let own = sample.as_chunks::<4>().0;
-                numbers.extend(
-                    own.iter()
-                        .map(|&bytes| f64::from(f32::from_ne_bytes(bytes))),
-                );
-            } else {
-                let own = sample.as_chunks::<8>().0;
-                numbers.extend(own.iter().map(|&bytes| f64::from_ne_bytes(bytes)));
-            }
+        if self.bands > 1 && run.step > 1 {
+            let spaced = bytes.chunks(sample * run.step as usize);
+            spaced.for_each(|spaced| self.put_numbers(&spaced[..sample], 1, numbers));
+        } else {
+            self.put_numbers(bytes, run.step as usize, numbers);
         }
         Ok(numbers)
+    }
+
+    /// Every `step`th of the numbers that these bytes keep.
+    fn put_numbers(&self, bytes: &[u8], step: usize, numbers: &mut Vec<f64>) {
+        if self.is_narrow {
+            let own = bytes.as_chunks::<4>().0.iter().step_by(step);
+            numbers.extend(own.map(|&bytes| f64::from(f32::from_ne_bytes(bytes))));
+        } else {
+            let own = bytes.as_chunks::<8>().0.iter().step_by(step);
+            numbers.extend(own.map(|&bytes| f64::from_ne_bytes(bytes)));
+        }
     }
 
     /// The samples of a row from one column on.

@@ -3,6 +3,7 @@
 use super::leaf::Tile;
 use crate::codec::Matrix;
 use crate::lattice::{Diamond, Lattice};
+use crate::vectors::widened;
 
 /// What part of the leaf surface shows of a diamond.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -109,7 +110,7 @@ pub(super) fn look_at(
             }
             let heights = tile.heights(component, row, [first, last]);
             let [u, v] = axes.coordinates(first, row);
-            largest = largest.max(triangles.greatest_difference(u, v, heights));
+            largest = largest.max(greatest_difference(&triangles, u, v, heights));
         }
     }
     Finding {
@@ -208,6 +209,9 @@ fn split<T: Copy>([a, b, c, d]: [T; 4], main: bool) -> [[T; 3]; 2] {
     }
 }
 
+/// Largest extent of a cell whose samples are taken period by period.
+const LONGEST_PERIOD: usize = 8;
+
 /// The two halves of a diamond as a piecewise linear surface over (u, v).
 struct Triangles<'a> {
     vertices: &'a [i32],
@@ -227,9 +231,61 @@ struct Segment {
     count: usize,
 }
 
-impl Triangles<'_> {
+widened! {
     /// The largest `extent * |height - surface|` in a row of samples that begins at (u, v), exact.
-    fn greatest_difference(&self, mut u: i64, mut v: i64, mut heights: &[i32]) -> i64 {
+    fn greatest_difference(triangles: &Triangles<'_>, u: i64, v: i64, heights: &[i32]) -> i64 {
+        if 1 << triangles.shift <= LONGEST_PERIOD {
+            triangles.greatest_by_period(u, v, heights)
+        } else {
+            triangles.greatest_by_segment(u, v, heights)
+        }
+    }
+}
+
+impl Triangles<'_> {
+    /// Samples one extent apart lie alike in their cells, so that they have the same weights.
+    #[inline(always)]
+    fn greatest_by_period(&self, u: i64, v: i64, heights: &[i32]) -> i64 {
+        let extent = 1usize << self.shift;
+        let side = self.cells as usize + 1;
+        let advance = self.step[0] as usize + self.step[1] as usize * side;
+        let mut largest = 0;
+        for first in 0..extent.min(heights.len()) {
+            let (u, v) = (u + first as i64, v + first as i64 * self.step[1]);
+            let mut cell = (v >> self.shift) as usize * side + (u >> self.shift) as usize;
+            let [(at_p, p), (at_q, q), (at_r, r)] = self.weights(u, v);
+            for &height in heights[first..].iter().step_by(extent) {
+                let at = |offset: usize| i64::from(self.vertices[cell + offset]);
+                let surface = p * at(at_p) + q * at(at_q) + r * at(at_r);
+                largest = largest.max(((i64::from(height) << self.shift) - surface).abs());
+                cell += advance;
+            }
+        }
+        largest
+    }
+
+    /// The vertices, as offsets from that of the cell's origin, of the triangle around (u, v), with their
+    /// weights, which add up to the extent. A vertex without weight may not exist; the origin is told instead.
+    fn weights(&self, u: i64, v: i64) -> [(usize, i64); 3] {
+        let extent = 1i64 << self.shift;
+        let (a, b) = (u & (extent - 1), v & (extent - 1));
+        let side = self.cells as usize + 1;
+        let [v00, v10, v01, v11] = [0, 1, side, side + 1];
+        let weights = if self.main && a >= b {
+            [(v00, extent - a), (v10, a - b), (v11, b)]
+        } else if self.main {
+            [(v00, extent - b), (v01, b - a), (v11, a)]
+        } else if a + b <= extent {
+            [(v00, extent - a - b), (v10, a), (v01, b)]
+        } else {
+            [(v11, a + b - extent), (v01, extent - a), (v10, extent - b)]
+        };
+        weights.map(|(offset, weight)| (if weight == 0 { 0 } else { offset }, weight))
+    }
+
+    /// Samples in the same triangle follow each other.
+    #[inline(always)]
+    fn greatest_by_segment(&self, mut u: i64, mut v: i64, mut heights: &[i32]) -> i64 {
         let mut largest = 0;
         while !heights.is_empty() {
             let segment = self.segment(u, v);

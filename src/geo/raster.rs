@@ -59,7 +59,9 @@ impl SampleType {
 
     /// Whether a finite number is a sample of this type without rounding.
     pub fn holds(self, sample: f64) -> bool {
-        let within = |low: f64, high: f64| sample.fract() == 0.0 && (low..=high).contains(&sample);
+        // All these types fit i64.
+        let is_whole = (sample as i64) as f64 == sample;
+        let within = |low: f64, high: f64| is_whole && (low..=high).contains(&sample);
         match self {
             SampleType::U8 => within(0.0, f64::from(u8::MAX)),
             SampleType::I8 => within(f64::from(i8::MIN), f64::from(i8::MAX)),

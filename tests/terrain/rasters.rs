@@ -129,3 +129,9 @@ pub fn message<T>(result: std::result::Result<T, Error>) -> String {
         Err(error) => error.to_string(),
     }
 }
+
+/// A hundredth of the greatest magnitude of a sample, and of 1.
+pub fn some_error(raster: &Raster) -> f64 {
+    let valid = raster.samples.iter().filter(|sample| !sample.is_nan());
+    0.01 * valid.fold(1.0f64, |a, sample| a.max(sample.abs()))
+}

@@ -1,7 +1,7 @@
 //! Trained tables and prediction: one output, tables taken from elsewhere, what adapting saves, damage.
 
 use crate::methods::{METHODS, Method, round_trip};
-use crate::rasters::{Raster, decode, max_difference, message};
+use crate::rasters::{Raster, decode, max_difference, message, some_error};
 use crate::round_trip::rasters;
 use kimberlite::Error;
 use kimberlite::build::source::{SourceOptions, open};
@@ -16,11 +16,6 @@ use std::path::Path;
 fn in_contexts() -> impl Iterator<Item = Method> {
     let all = METHODS.into_iter();
     all.filter(|method| method.entropy == EntropyKind::Rans)
-}
-
-fn some_error(raster: &Raster) -> f64 {
-    let valid = raster.samples.iter().filter(|sample| !sample.is_nan());
-    0.01 * valid.fold(1.0f64, |a, sample| a.max(sample.abs()))
 }
 
 fn tables_of(path: &Path) -> Model {
