@@ -157,7 +157,7 @@ pub(super) unsafe fn features<const ALONE: bool>(
         if ALONE {
             _mm256_storeu_si256(older.cast(), missed[2]);
         }
-        (around(own, at.hidden()), missed, twice)
+        (around(own, at), missed, twice)
     };
     let [[c1, _, _, c2], [_, a, b, _], [_, d, e, _], [c3, _, _, c4]] = around;
     let (order_two, order_four, diagonal) = (shape.order_two, shape.order_four, shape.diagonal);

@@ -120,18 +120,6 @@ impl Place {
             first: first + rows.stride - rows.cells,
         }
     }
-
-    /// The same place, to the compiler another one. Vertices are more than there are registers: to load them
-    /// again there is less work than to keep them.
-    #[inline(always)]
-    pub(super) fn hidden(self) -> Place {
-        let mut first = self.first;
-        // SAFETY: no instruction at all.
-        unsafe {
-            std::arch::asm!("/* {0} */", inout(reg) first, options(pure, nomem, nostack, preserves_flags));
-        }
-        Place { first, ..self }
-    }
 }
 
 impl<'a> Rows<'a> {
