@@ -175,7 +175,7 @@ proptest! {
         let mut rough = noise(seed ^ 1, cells * cells, centre_bits);
         let chances = noise(seed ^ 2, cells * cells, 30);
         for (noise, chance) in rough.iter_mut().zip(chances) {
-            *noise *= i32::from(chance.unsigned_abs() as u64 % rare == 0);
+            *noise *= i32::from(u64::from(chance.unsigned_abs()).is_multiple_of(rare));
         }
         let centres = centres_near(&values, cells, &rough);
         let vertices = Matrix { values: values.clone().into(), valid: None };
