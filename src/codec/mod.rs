@@ -18,6 +18,8 @@ mod symbols;
 mod tables;
 mod training;
 mod units;
+#[cfg(target_arch = "x86_64")]
+mod wave_avx2;
 
 pub use block::{BlockCodec, BlockError, Draft, block_length_unit};
 pub use bounds::{ErrorCode, RangeCode};

@@ -168,19 +168,33 @@ impl SymbolCoder {
     ) -> Box<[i32]> {
         let mut centres = vec![0; self.cells * self.cells].into_boxed_slice();
         let weights = model.weights(task.matrix);
-        self.walk_centres(task, weights, &mut centres, |row, outlook, centres| {
-            if let Some(decoder) = &mut decoder {
-                own_contexts(&mut outlook.contexts, task, row, Some(model));
-                decoder.decode(&outlook.contexts, centres);
-                if self.turns {
-                    turn(centres, &outlook.fractions);
-                }
+        self.surround(task.vertices, |surroundings, outlook| {
+            if let (Some(decoder), None) = (&mut decoder, &kept)
+                && self.decode_wave(surroundings, weights, task, decoder, &mut centres)
+            {
+                return;
             }
-            if let Some(kept) = &mut kept {
-                kept.extend_from_slice(centres);
-            }
-            self.quantiser
-                .reconstruct_row(&outlook.predictions, centres);
+            let walk = (surroundings, outlook);
+            self.walk_centres(
+                walk,
+                task,
+                weights,
+                &mut centres,
+                |row, outlook, centres| {
+                    if let Some(decoder) = &mut decoder {
+                        own_contexts(&mut outlook.contexts, task, row, Some(model));
+                        decoder.decode(&outlook.contexts, centres);
+                        if self.turns {
+                            turn(centres, &outlook.fractions);
+                        }
+                    }
+                    if let Some(kept) = &mut kept {
+                        kept.extend_from_slice(centres);
+                    }
+                    self.quantiser
+                        .reconstruct_row(&outlook.predictions, centres);
+                },
+            );
         });
         centres
     }
@@ -198,19 +212,28 @@ impl SymbolCoder {
         let [low, high] = self.quantiser.range();
         let mut centres = vec![0; cells * cells].into_boxed_slice();
         let mut kept = Vec::with_capacity(cells * cells);
-        self.walk_centres(task, weights, &mut centres, |row, outlook, centres| {
-            own_contexts(&mut outlook.contexts, task, row, None);
-            let target = &target[row * cells..(row + 1) * cells];
-            for (i, centre) in centres.iter_mut().enumerate() {
-                if outlook.contexts[i] != UNCODED {
-                    let prediction = outlook.predictions[i].clamp(low, high);
-                    *centre = self.quantiser.quantise(target[i], prediction);
-                }
-            }
-            trace.add_row(outlook, centres, self.turns);
-            kept.extend_from_slice(centres);
-            self.quantiser
-                .reconstruct_row(&outlook.predictions, centres);
+        self.surround(task.vertices, |surroundings, outlook| {
+            let walk = (surroundings, outlook);
+            self.walk_centres(
+                walk,
+                task,
+                weights,
+                &mut centres,
+                |row, outlook, centres| {
+                    own_contexts(&mut outlook.contexts, task, row, None);
+                    let target = &target[row * cells..(row + 1) * cells];
+                    for (i, centre) in centres.iter_mut().enumerate() {
+                        if outlook.contexts[i] != UNCODED {
+                            let prediction = outlook.predictions[i].clamp(low, high);
+                            *centre = self.quantiser.quantise(target[i], prediction);
+                        }
+                    }
+                    trace.add_row(outlook, centres, self.turns);
+                    kept.extend_from_slice(centres);
+                    self.quantiser
+                        .reconstruct_row(&outlook.predictions, centres);
+                },
+            );
         });
         (centres, kept)
     }
@@ -342,18 +365,46 @@ impl SymbolCoder {
     /// makes its heights.
     fn walk_centres(
         &self,
+        (surroundings, outlook): (&mut dyn Surroundings, &mut Outlook),
         task: &Task,
         weights: &Weights,
         centres: &mut [i32],
         mut visit: impl FnMut(usize, &mut Outlook, &mut [i32]),
     ) {
-        self.surround(task.vertices, |surroundings, outlook| {
-            for (index, row) in centres.chunks_exact_mut(self.cells).enumerate() {
-                self.foresee(surroundings, task, index, weights, outlook);
-                visit(index, outlook, row);
-                surroundings.complete(row);
-            }
-        });
+        for (index, row) in centres.chunks_exact_mut(self.cells).enumerate() {
+            self.foresee(surroundings, task, index, weights, outlook);
+            visit(index, outlook, row);
+            surroundings.complete(row);
+        }
+    }
+
+    /// Decodes all centres at once, where vectors can; whether they could.
+    #[cfg(target_arch = "x86_64")]
+    fn decode_wave(
+        &self,
+        surroundings: &dyn Surroundings,
+        weights: &Weights,
+        task: &Task,
+        decoder: &mut Decoder,
+        centres: &mut [i32],
+    ) -> bool {
+        let is_plain = task.matrix == 0 && task.coded.is_none() && !self.turns;
+        let Some(vertices) = surroundings.vertices().filter(|_| is_plain) else {
+            return false;
+        };
+        super::wave_avx2::decode(vertices, weights, decoder, &self.quantiser, centres)
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn decode_wave(
+        &self,
+        _: &dyn Surroundings,
+        _: &Weights,
+        _: &Task,
+        _: &mut Decoder,
+        _: &mut [i32],
+    ) -> bool {
+        false
     }
 
     /// Goes over the rows of a matrix of coefficients. `visit` gets each row's number, and its contexts and

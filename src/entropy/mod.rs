@@ -7,7 +7,7 @@ pub mod frequency;
 pub mod gamma;
 pub mod rans;
 #[cfg(target_arch = "x86_64")]
-mod rans_avx2;
+pub(crate) mod rans_avx2;
 pub mod token;
 
 /// Why bytes cannot be what a coder of this room wrote.

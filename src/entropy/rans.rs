@@ -11,12 +11,19 @@ use super::bits::{BitReader, BitWriter};
 use super::frequency::{Frequencies, PRECISION, SLOTS};
 use super::token;
 
+#[cfg(target_arch = "x86_64")]
+pub(crate) use super::rans_avx2::Lanes;
+
 /// Most lanes of a block.
 pub const LANES: usize = 8;
 /// Lanes of blocks from so many bytes on. Lanes make decoding fast, but the end of each costs about 15 bits.
 const LANES_FROM: [(usize, usize); 3] = [(448, LANES), (256, 4), (0, 2)];
 /// Where every state ends, and the least that one is between two symbols.
 pub(super) const LEAST: u32 = SLOTS as u32;
+/// Where a slot's distance from the first one of its symbol is in its entry; below are 12 bits of frequency.
+pub(super) const OFFSET_AT: u32 = 12;
+/// Where the coefficient is.
+pub(super) const COEFFICIENT_AT: u32 = 24;
 /// Bits of a state's bit length, less those of [`LEAST`].
 const LENGTH_BITS: u32 = 4;
 
@@ -24,7 +31,7 @@ const LENGTH_BITS: u32 = 4;
 /// there: the last one, in which every symbol is 0 and costs nothing.
 #[derive(Clone, Debug)]
 pub struct Tables {
-    /// For each context its 2048 slots: symbol, frequency less one << 8, slot less first slot << 19.
+    /// For each context its 2048 slots: frequency, slot less first slot << 12, symbol as a small coefficient << 24.
     pub(super) slots: Vec<u32>,
     /// For each context the first slot and the frequency of each symbol.
     ranges: Vec<[(u16, u16); token::SYMBOLS]>,
@@ -43,7 +50,8 @@ impl Tables {
             let mut first = 0u16;
             for (symbol, frequency) in frequencies.iter() {
                 ranges[usize::from(symbol)] = (first, frequency);
-                let entry = |slot| u32::from(symbol) | u32::from(frequency - 1) << 8 | slot << 19;
+                let coefficient = (token::small(symbol) as u32) << COEFFICIENT_AT;
+                let entry = |slot| coefficient | slot << OFFSET_AT | u32::from(frequency);
                 tables.slots.extend((0..u32::from(frequency)).map(entry));
                 first += frequency;
             }
@@ -185,7 +193,7 @@ impl<'a> Decoder<'a> {
     pub fn decode(&mut self, contexts: &[u8], coefficients: &mut [i32]) {
         assert!(contexts.len() <= coefficients.len());
         let whole = (contexts.len() | self.decoded).is_multiple_of(LANES);
-        let greatest = match self.lanes {
+        let has_raw = match self.lanes {
             LANES if self.vectors && whole => simd::decode(self, contexts, coefficients),
             2 if whole => self.decode_lanes::<2>(contexts, coefficients),
             4 if whole => self.decode_lanes::<4>(contexts, coefficients),
@@ -193,20 +201,48 @@ impl<'a> Decoder<'a> {
             _ => self.decode_lanes::<1>(contexts, coefficients),
         };
         self.decoded += contexts.len();
-        if greatest >= i32::from(token::FIRST_RAW) {
-            let block = &self.bytes[..self.length];
-            for coefficient in &mut coefficients[..contexts.len()] {
-                let symbol = ((*coefficient << 1) ^ (*coefficient >> 31)) as u8;
-                if symbol >= token::FIRST_RAW {
-                    *coefficient = self.raw.join(symbol, block);
-                }
+        if has_raw {
+            self.join_raw(&mut coefficients[..contexts.len()]);
+        }
+    }
+
+    /// Gives the coefficients that raw bits belong to these.
+    #[cold]
+    pub(crate) fn join_raw(&mut self, coefficients: &mut [i32]) {
+        let block = &self.bytes[..self.length];
+        for coefficient in coefficients {
+            let symbol = ((*coefficient << 1) ^ (*coefficient >> 31)) as u8;
+            if symbol >= token::FIRST_RAW {
+                *coefficient = self.raw.join(symbol, block);
             }
         }
     }
 
+    /// Where the lanes are at the first symbol, if vectors may go on from there.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn lanes(&self) -> Option<Lanes<'a>> {
+        let may = self.vectors && self.decoded == 0;
+        may.then_some(Lanes {
+            slots: &self.tables.slots,
+            bytes: self.bytes,
+            count: self.lanes,
+            states: self.states,
+            position: self.position,
+        })
+    }
+
+    /// Goes on from where the lanes came to.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn set_lanes(&mut self, lanes: &Lanes, decoded: usize) {
+        self.states = lanes.states;
+        self.position = lanes.position;
+        self.decoded += decoded;
+    }
+
     /// Symbols of the next contexts, as the coefficients that they would be if all were small; returns
-    /// the greatest. `COUNT` is the number of lanes, whose turn begins; or 1, to look for the lane each time.
-    fn decode_lanes<const COUNT: usize>(&mut self, contexts: &[u8], symbols: &mut [i32]) -> i32 {
+    /// whether some are not. `COUNT` is the number of lanes, whose turn begins; or 1, to look for the lane each
+    /// time.
+    fn decode_lanes<const COUNT: usize>(&mut self, contexts: &[u8], symbols: &mut [i32]) -> bool {
         let mut states: [u32; COUNT] = std::array::from_fn(|lane| self.states[lane]);
         let slots = self.tables.slots.as_slice();
         let (bytes, mut position, mut greatest) = (self.bytes, self.position, 0);
@@ -221,16 +257,17 @@ impl<'a> Decoder<'a> {
                 }
                 let slot = state as usize % SLOTS;
                 let entry = slots[usize::from(contexts[lane]) * SLOTS + slot];
-                let frequency = (entry >> 8 & (SLOTS as u32 - 1)) + 1;
-                state = frequency * (state >> PRECISION) + (entry >> 19);
+                let frequency = entry & (2 * SLOTS as u32 - 1);
+                let offset = entry >> OFFSET_AT & (SLOTS as u32 - 1);
+                state = frequency * (state >> PRECISION) + offset;
                 if state < LEAST {
                     let word = bytes.get(position..).and_then(|rest| rest.first_chunk());
                     state =
                         state << 16 | u32::from(word.map_or(0, |word| u16::from_le_bytes(*word)));
                     position += 2;
                 }
-                symbols[lane] = token::small(entry as u8);
-                greatest = greatest.max((entry & 255) as i32);
+                symbols[lane] = entry as i32 >> COEFFICIENT_AT;
+                greatest = greatest.max(symbols[lane].abs());
                 if COUNT == 1 {
                     self.states[(self.decoded + round) % self.lanes] = state;
                 }
@@ -241,7 +278,7 @@ impl<'a> Decoder<'a> {
             self.states[..COUNT].copy_from_slice(&states);
         }
         self.position = position;
-        greatest
+        greatest > token::LARGEST_SMALL
     }
 
     /// Checks that the block held these symbols and nothing else.
@@ -301,27 +338,22 @@ mod simd {
     }
 
     #[cfg(target_arch = "x86_64")]
-    pub(super) fn decode(decoder: &mut Decoder, contexts: &[u8], symbols: &mut [i32]) -> i32 {
+    pub(super) fn decode(decoder: &mut Decoder, contexts: &[u8], symbols: &mut [i32]) -> bool {
         use super::super::rans_avx2::{Lanes, decode};
         let mut lanes = Lanes {
+            slots: &decoder.tables.slots,
+            bytes: decoder.bytes,
+            count: decoder.lanes,
             states: decoder.states,
             position: decoder.position,
         };
-        let symbols = &mut symbols[..contexts.len()];
-        let greatest = decode(
-            &mut lanes,
-            &decoder.tables.slots,
-            decoder.bytes,
-            contexts,
-            symbols,
-        );
-        decoder.states = lanes.states;
-        decoder.position = lanes.position;
-        greatest
+        let has_raw = decode(&mut lanes, contexts, &mut symbols[..contexts.len()]);
+        decoder.set_lanes(&lanes, 0);
+        has_raw
     }
 
     #[cfg(not(target_arch = "x86_64"))]
-    pub(super) fn decode(decoder: &mut Decoder, contexts: &[u8], symbols: &mut [i32]) -> i32 {
+    pub(super) fn decode(decoder: &mut Decoder, contexts: &[u8], symbols: &mut [i32]) -> bool {
         decoder.decode_lanes::<LANES>(contexts, symbols)
     }
 }

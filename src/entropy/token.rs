@@ -9,6 +9,8 @@ pub const SYMBOLS: usize = 256;
 pub const ESCAPE: u8 = 255;
 /// The first symbol that raw bits may follow.
 pub const FIRST_RAW: u8 = 31;
+/// Largest magnitude of a coefficient whose symbol comes before.
+pub const LARGEST_SMALL: i32 = 15;
 
 /// A coefficient's symbol, its raw bits and their count.
 #[inline]
@@ -33,7 +35,7 @@ pub fn raw_bits(symbol: u8) -> u32 {
     }
 }
 
-/// The coefficient of a symbol below [`FIRST_RAW`].
+/// The coefficient of a symbol below [`FIRST_RAW`]; others give numbers beyond [`LARGEST_SMALL`].
 #[inline(always)]
 pub fn small(symbol: u8) -> i32 {
     let symbol = i32::from(symbol);

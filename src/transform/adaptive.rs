@@ -86,6 +86,8 @@ pub(super) trait Word: Copy + Default + Send + Sync + 'static {
     fn wrap(value: i64) -> i64;
     /// Heights, all within reach when shifted, relative to a base.
     fn fill(base: i32, shift: u32, heights: &[i32], words: &mut [Self]);
+    /// The words, if they have 16 bits.
+    fn narrow_words(words: &[Self]) -> Option<&[i16]>;
     /// What does whole rows of so many cells at once, where the processor can.
     fn kernels(cells: usize) -> Option<Kernels<Self>>;
 }
@@ -109,9 +111,12 @@ impl Word for i16 {
     fn fill(base: i32, _shift: u32, heights: &[i32], words: &mut [i16]) {
         subtract(base, heights, words);
     }
+    fn narrow_words(words: &[i16]) -> Option<&[i16]> {
+        Some(words)
+    }
     #[cfg(target_arch = "x86_64")]
     fn kernels(cells: usize) -> Option<Kernels<i16>> {
-        super::adaptive_avx2::kernels(cells)
+        super::rows_avx2::kernels(cells)
     }
     #[cfg(not(target_arch = "x86_64"))]
     fn kernels(_cells: usize) -> Option<Kernels<i16>> {
@@ -139,6 +144,9 @@ impl Word for i32 {
             *word = relative::<i32>(height, base, shift);
         }
     }
+    fn narrow_words(_words: &[i32]) -> Option<&[i16]> {
+        None
+    }
     fn kernels(_cells: usize) -> Option<Kernels<i32>> {
         None
     }
@@ -146,7 +154,7 @@ impl Word for i32 {
 
 /// What a row is foreseen for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Aim {
+pub(crate) enum Aim {
     /// Centres, rounded.
     Centres,
     /// Centres, with what rounding takes.
@@ -315,6 +323,22 @@ pub trait Surroundings {
 
     /// A height in quarters of a shifted unit, as sights are.
     fn quarters(&self, height: i32) -> f64;
+
+    /// The vertices in 16 bits, where vectors may go through the diamond.
+    fn vertices(&self) -> Option<Vertices<'_>>;
+}
+
+/// The vertices of a diamond in 16 bits, with a rim.
+#[derive(Clone, Copy, Debug)]
+pub struct Vertices<'a> {
+    /// Cells along a side.
+    pub cells: usize,
+    /// Words from one row to the next.
+    pub stride: usize,
+    /// The height that a word 0 stands for.
+    pub base: i32,
+    /// Vertex (i, j) at `(j + 1) * stride + i + 1`; after the last row is the slack.
+    pub words: &'a [i16],
 }
 
 /// Room for a diamond at a time.
@@ -438,6 +462,16 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
     fn sight(&self, i: usize, weights: &Weights) -> (Sight, i32) {
         let sight = self.look(i);
         (sight, sight.activity::<T>(weights))
+    }
+
+    fn vertices(&self) -> Option<Vertices<'_>> {
+        self.kernels?;
+        Some(Vertices {
+            cells: self.cells,
+            stride: self.stride,
+            base: self.base,
+            words: T::narrow_words(&self.vertices)?,
+        })
     }
 
     fn quarters(&self, height: i32) -> f64 {

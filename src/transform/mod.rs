@@ -7,6 +7,8 @@ mod interpolating;
 mod lifted;
 mod neville;
 mod quantiser;
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod rows_avx2;
 mod sight;
 mod two_stage;
 

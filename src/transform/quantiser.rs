@@ -79,17 +79,23 @@ impl Quantiser {
         value.clamp(i64::from(self.minimum), i64::from(self.maximum)) as i32
     }
 
-    /// Clamps the predictions of a row to the range, and replaces the row's coefficients by the heights
-    /// that they stand for.
-    #[inline]
-    pub fn reconstruct_row(&self, predictions: &[i32], row: &mut [i32]) {
+    /// Whether heights follow from predictions and coefficients in 32 bits.
+    pub(crate) fn is_plain(&self) -> bool {
         let (low, high) = (self.minimum, self.maximum);
         // A sound coefficient leads to within the bound of the range, by steps that span no more than it and
         // the bound.
         let has_room = low.checked_sub(self.bound).is_some()
             && high.checked_add(self.bound).is_some()
             && i64::from(high) - i64::from(low) < 1 << 30;
-        if self.listed.is_some() || !has_room {
+        self.listed.is_none() && has_room
+    }
+
+    /// Clamps the predictions of a row to the range, and replaces the row's coefficients by the heights
+    /// that they stand for.
+    #[inline]
+    pub fn reconstruct_row(&self, predictions: &[i32], row: &mut [i32]) {
+        let (low, high) = (self.minimum, self.maximum);
+        if !self.is_plain() {
             for (height, &prediction) in row.iter_mut().zip(predictions) {
                 *height = self.reconstruct(*height, prediction.clamp(low, high));
             }

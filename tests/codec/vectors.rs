@@ -1,6 +1,10 @@
 //! Vectors give what the portable functions give, to the bit.
 
+use kimberlite::codec::{
+    BlockCodec, Census, LevelModel, Matrix, MatrixModel, Model, Outline, SymbolCoder,
+};
 use kimberlite::transform::adaptive::{Outlook, Weights, Workspace};
+use kimberlite::transform::{Quantiser, Target, TransformKind};
 use proptest::prelude::*;
 
 /// Rows of numbers up to about `2^bits`.
@@ -129,5 +133,77 @@ proptest! {
             });
             prop_assert_eq!(&contexts[0], &contexts[1]);
         }
+    }
+}
+
+/// A codec of whole diamonds in contexts, trained prediction first.
+fn codec(cells: usize, bound: i32, range: [i32; 2], vectors: bool) -> BlockCodec {
+    let quantiser = Quantiser::new(bound, range[0], range[1]);
+    let transform = TransformKind::Interpolating.transform(cells, bound, range);
+    let symbols = SymbolCoder::new(cells, quantiser, true, vectors);
+    BlockCodec::new(cells, false, vec![transform]).with_symbols(vec![symbols])
+}
+
+/// Heights around the mean of the four vertices nearest to each centre.
+fn centres_near(vertices: &[i32], cells: usize, noise: &[i32]) -> Vec<i32> {
+    let side = cells + 1;
+    let near = |index: usize| {
+        let corner = index / cells * side + index % cells;
+        let nearest = [corner, corner + 1, corner + side, corner + side + 1];
+        nearest.iter().map(|&corner| vertices[corner]).sum::<i32>() / 4
+    };
+    (0..cells * cells)
+        .map(|index| near(index) + noise[index])
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(150))]
+
+    /// From blocks of every number of lanes, sound and damaged ones.
+    #[test]
+    fn vectors_decode_a_diamond_to_what_the_portable_functions_decode_it_to(
+        seed in any::<u64>(),
+        cells_log2 in 4u32..8,
+        vertex_bits in 0u32..15,
+        (centre_bits, rare) in (0u32..12, 1u64..60),
+        bound in 0i32..3,
+        damage in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 0..3),
+    ) {
+        let (cells, range) = (1 << cells_log2, [-20_000, 20_000]);
+        let values = noise(seed, (cells + 1) * (cells + 1), vertex_bits);
+        let mut rough = noise(seed ^ 1, cells * cells, centre_bits);
+        let chances = noise(seed ^ 2, cells * cells, 30);
+        for (noise, chance) in rough.iter_mut().zip(chances) {
+            *noise *= i32::from(u64::from(chance.unsigned_abs()).is_multiple_of(rare));
+        }
+        let centres = centres_near(&values, cells, &rough);
+        let vertices = Matrix { values: values.clone().into(), valid: None };
+        let outline = Outline { level: 0, codable: None, absent: None };
+        let weights = any_weights(seed ^ 3, 8);
+        let target = Target { vertices: &values, centres: &centres };
+        let draft = |vectors: bool| {
+            let codec = codec(cells, bound, range, vectors);
+            codec.draft(std::slice::from_ref(&weights), &vertices, &outline, target, None)
+        };
+        let (draft, expected) = draft(false);
+        let mut census = Census::new(1);
+        draft.trace().into_iter().for_each(|trace| census.add(trace));
+        let matrix = MatrixModel { weights: weights.clone(), frequencies: census.frequencies(0) };
+        let level = LevelModel::new(vec![matrix]);
+        let model = Model::new(true, None, 1, vec![(level, 1)]);
+        let mut block = codec(cells, bound, range, true).finish(&draft, Some(model.level(0)));
+        let decoded = |block: &[u8], vectors: bool| {
+            let codec = codec(cells, bound, range, vectors).with_model(model.clone());
+            codec.decode(&vertices, &outline, block)
+        };
+        prop_assert_eq!(decoded(&block, true), Ok(expected));
+        for (place, change) in damage {
+            if !block.is_empty() {
+                let place = place.index(block.len());
+                block[place] ^= change;
+            }
+        }
+        prop_assert_eq!(decoded(&block, false), decoded(&block, true));
     }
 }
