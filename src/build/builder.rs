@@ -10,6 +10,7 @@ use super::rms::greatest_bound;
 use super::source::RasterSource;
 use super::summaries::summarise;
 use super::workers::thread_count;
+use super::working_store::{Identity, WorkingStore};
 use super::workspace::{Workspace, folder_of};
 use crate::codec::{
     BlockCodec, ColourUnits, Components, Model, RootCodec, Units, block_length_unit,
@@ -20,6 +21,7 @@ use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, Sink, Transf
 use crate::transform::ListedHeights;
 use crate::{Error, Result};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Bytes of memory that a build takes whatever the raster.
 const OTHER_BYTES: u64 = 48 << 20;
@@ -49,6 +51,10 @@ pub struct BuildOptions {
     /// Bytes of memory that the process may take, about; what does not fit goes to temporary files in the folder
     /// of the output. The output does not depend on it. `None` keeps all in memory.
     pub memory: Option<u64>,
+    /// What the input is told by (files with their sizes and times). With it a build that does not fit its memory
+    /// keeps a working store beside the output, from which a rerun with the same input and options goes on
+    /// after the process was killed or the build cancelled. Its success removes the store.
+    pub resume: Option<Identity>,
     /// Worker threads; 0 for all that the machine has. The output does not depend on it.
     pub threads: usize,
 }
@@ -64,6 +70,7 @@ impl Default for BuildOptions {
             tables: None,
             cells_log2: 6,
             memory: None,
+            resume: None,
             threads: 0,
         }
     }
@@ -117,6 +124,8 @@ pub struct BuildReport {
     pub max_error: f64,
     /// Root of the mean squared difference over the valid samples.
     pub rms_error: f64,
+    /// Levels that were taken over from a build that was killed.
+    pub resumed_levels: u32,
 }
 
 /// Builds the repository of a raster's heights, or of an image's colours, at `output`, written beside it and
@@ -152,14 +161,38 @@ pub fn build_into(
     sink: Box<dyn Sink>,
     progress: &mut dyn FnMut(u64, u64) -> bool,
 ) -> Result<BuildReport> {
+    let lattice = check(source.info(), options)?;
+    let workspace = choose_workspace(source.info(), options, output)?;
+    let built = build_in(
+        &workspace,
+        source,
+        options,
+        (output, sink),
+        &lattice,
+        progress,
+    );
+    match built {
+        // A rerun goes on, or says the same until the store is removed.
+        Err(Error::Cancelled | Error::Damaged { .. }) => {}
+        _ => workspace.remove()?,
+    }
+    built
+}
+
+fn build_in(
+    workspace: &Workspace,
+    source: &mut dyn RasterSource,
+    options: &BuildOptions,
+    (output, sink): (&Path, Box<dyn Sink>),
+    lattice: &Lattice,
+    progress: &mut dyn FnMut(u64, u64) -> bool,
+) -> Result<BuildReport> {
     let info = source.info().clone();
-    let lattice = check(&info, options)?;
-    let workspace = choose_workspace(&info, options, output)?;
     // Each sample is read once, filtered once if at all, coded once and measured once.
     let samples = u64::from(info.width) * u64::from(info.height);
     let is_filtering = options.transform != TransformKind::Interpolating;
     let total = samples * (3 + u64::from(is_filtering));
-    let plane = Plane::read(source, &workspace, |done| progress(done, total))?;
+    let plane = Plane::read(source, workspace, |done| progress(done, total))?;
     let mut done = samples;
     let mut step = |samples: u64| {
         done += samples;
@@ -172,15 +205,14 @@ pub fn build_into(
     let (mut components, is_exact) = choose_components(&plane, &info, options)?;
     let threads = thread_count(options.threads);
     let filters = components.transforms(options.transform, lattice.cells());
-    let levels = Levels::new(&lattice, &plane, &components, &filters, threads, &mut step)?;
+    let levels = Levels::new(lattice, &plane, &components, &filters, threads, &mut step)?;
     if let Some(limit) = options.rms_error {
-        let bound = {
-            let (workspace, step) = (&workspace, &mut step);
-            bound_for_rms_error(limit, &levels, &components, &info, workspace, threads, step)?
-        };
+        let step = &mut step;
+        let bound =
+            bound_for_rms_error(limit, &levels, &components, &info, workspace, threads, step)?;
         components = components.with_common_bound(bound);
     }
-    let coded = code(&levels, &components, options, &workspace, &mut step)?;
+    let coded = code(&levels, &components, options, workspace, &mut step)?;
     let descent = &coded.descent;
     let header = header(&levels, options, &info, &components, is_exact);
     let tables = coded.model.as_ref().map_or_else(Vec::new, Model::to_bytes);
@@ -209,6 +241,7 @@ pub fn build_into(
         bytes,
         max_error,
         rms_error,
+        resumed_levels: coded.resumed_levels,
     })
 }
 
@@ -248,7 +281,30 @@ fn choose_workspace(info: &RasterInfo, options: &BuildOptions, output: &Path) ->
             memory >> 20
         )));
     }
-    Ok(Workspace::Folder(folder_of(output)))
+    let Some(input) = &options.resume else {
+        return Ok(Workspace::Folder(folder_of(output)));
+    };
+    let identity = [&identity(info, options)[..], input].concat();
+    let store = WorkingStore::open(output, &identity)?;
+    Ok(Workspace::Store(Arc::new(store), "source"))
+}
+
+/// What tells builds apart, but for their inputs.
+fn identity(info: &RasterInfo, options: &BuildOptions) -> Identity {
+    let tables = options.tables.as_ref();
+    let tables = tables.map(|model| crc32fast::hash(&model.to_bytes()));
+    let told = [
+        ("Kimberlite", env!("CARGO_PKG_VERSION").to_owned()),
+        ("transform", format!("{:?}", options.transform)),
+        ("maximum error", options.max_error.to_string()),
+        ("RMS error", format!("{:?}", options.rms_error)),
+        ("coder", format!("{:?}", options.entropy)),
+        ("trained prediction", format!("{:?}", options.adaptive)),
+        ("tables", format!("{tables:?}")),
+        ("cells", (1u64 << options.cells_log2).to_string()),
+        ("raster", format!("{info:?}")),
+    ];
+    told.map(|(name, value)| (name.to_owned(), value)).to_vec()
 }
 
 /// The header but for what only the finished build knows: errors, and the range of lifted heights.
@@ -344,6 +400,7 @@ fn code<'a>(
             .unwrap_or_else(|| components.prefers_trained_predictor(options.transform)),
     };
     let code = |adaptive, step: &mut dyn FnMut(u64) -> Result<()>| {
+        let workspace = &workspace.part(if adaptive { "trained" } else { "fixed" });
         let coders = Coders::new(levels, components, options, adaptive)?;
         let coding = Coding {
             levels,
@@ -426,8 +483,7 @@ fn bound_for_rms_error(
             ..BuildOptions::default()
         };
         let coders = Coders::new(levels, &components, &options, false)?;
-        let mut descent =
-            Descent::new(levels, &coders.roots, Workspace::clone(workspace), threads)?.0;
+        let mut descent = Descent::new(levels, &coders.roots, workspace.part("trial"), threads)?.0;
         for _ in 0..levels.lattice.levels() {
             let preview = |input: Input| {
                 let (vertices, outline) = (input.vertices, input.outline);

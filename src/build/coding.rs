@@ -27,8 +27,14 @@ pub(super) struct Coded<'a> {
     pub(super) blocks: Records,
     /// `None` with gamma codes.
     pub(super) model: Option<Model>,
+    /// Levels that were coded before this process began.
+    pub(super) resumed_levels: u32,
 }
 
+/// What is told in a working store of what is coded.
+const LEVELS: &str = "levels";
+const BLOCKS: &str = "blocks";
+const MODEL: &str = "model";
 /// The share of the blocks' bytes above which the tables may cost more than they save.
 const DEAR_TABLES: f64 = 0.005;
 
@@ -64,24 +70,21 @@ pub(super) struct Coding<'a, 'b> {
 impl<'a> Coding<'a, '_> {
     /// Codes with gamma codes. `step` is told of samples done.
     pub(super) fn gamma(&self, step: &mut dyn FnMut(u64) -> Result<()>) -> Result<Coded<'a>> {
-        let (mut descent, roots) = self.descent()?;
-        let mut blocks = Records::new(self.workspace)?;
-        for _ in 0..self.levels.lattice.levels() {
+        let (mut coded, mut level) = self.begin(step)?;
+        while level < self.levels.lattice.levels() {
             let code = |input: Input| {
                 let (draft, refined) = self.draft(&[], &input);
                 Ok((self.blocks.finish(&draft, None), refined))
             };
-            descent.code_level(code, |block, samples| {
+            let blocks = &mut coded.blocks;
+            coded.descent.code_level(code, |block, samples| {
                 blocks.push(&block)?;
                 step(samples)
             })?;
+            self.save(&mut coded, level..level + 1)?;
+            level += 1;
         }
-        Ok(Coded {
-            descent,
-            roots,
-            blocks,
-            model: None,
-        })
+        Ok(coded)
     }
 
     /// Codes in contexts, by the weights and tables of `known` if there is one, else by trained ones.
@@ -92,25 +95,34 @@ impl<'a> Coding<'a, '_> {
         listed: Option<ListedHeights>,
         step: &mut dyn FnMut(u64) -> Result<()>,
     ) -> Result<Coded<'a>> {
-        let (mut descent, roots) = self.descent()?;
-        let mut blocks = Records::new(self.workspace)?;
-        let mut groups: Vec<(LevelModel, u32)> = Vec::new();
-        let levels = self.levels.lattice.levels();
-        let mut start = 0;
-        while start < levels {
+        let (mut coded, mut start) = self.begin(step)?;
+        let groups = coded.model.as_ref().map(Model::groups);
+        let mut groups = groups.unwrap_or_default();
+        let components = self.levels.components.count();
+        loop {
+            let done = groups.clone();
+            coded.model = Some(Model::new(adaptive, listed.clone(), components, done));
+            if start > 0 {
+                let before = groups
+                    .len()
+                    .checked_sub(2)
+                    .map_or(0, |group| groups[group].1);
+                self.save(&mut coded, before..start)?;
+            }
+            if start >= self.levels.lattice.levels() {
+                return Ok(coded);
+            }
             let end = self.group_end(start);
             let weights = match known {
                 Some(model) => self.weights_of(model.level(start)),
-                None => self.train(&descent, start..end, step)?,
+                None => self.train(&coded.descent, start..end, step)?,
             };
             let mut census = Census::new(weights.len());
-            let mut drafts = Records::new(self.workspace)?;
+            let mut drafts = Records::new(self.workspace, "drafts")?;
             for _ in start..end {
-                self.draft_level(&mut descent, &weights, |draft, samples| {
-                    draft
-                        .trace()
-                        .into_iter()
-                        .for_each(|trace| census.add(trace));
+                self.draft_level(&mut coded.descent, &weights, |draft, samples| {
+                    let trace = draft.trace().into_iter();
+                    trace.for_each(|trace| census.add(trace));
                     drafts.push(&draft.to_bytes())?;
                     step(samples)
                 })?;
@@ -119,26 +131,60 @@ impl<'a> Coding<'a, '_> {
                 Some(model) => model.level(start).clone(),
                 None => tables(&census, weights),
             };
-            self.finish(&drafts, &model, &mut blocks)?;
+            self.finish(&drafts, &model, &mut coded.blocks)?;
             groups.push((model, end));
             start = end;
         }
-        let components = self.levels.components.count();
-        Ok(Coded {
+    }
+
+    /// Nothing coded yet but the root; or what was saved, with the number of levels coded.
+    fn begin(&self, step: &mut dyn FnMut(u64) -> Result<()>) -> Result<(Coded<'a>, u32)> {
+        let mut descent = self.descent(self.workspace)?;
+        let (mut blocks, mut model, mut levels) = (None, None, 0);
+        if let Some(saved) = self.workspace.load(LEVELS)? {
+            levels = saved.try_into().map_or(0, u32::from_ne_bytes);
+            descent.0.restore(levels)?;
+            let seal = self.workspace.load(BLOCKS)?.unwrap_or_default();
+            blocks = Some(Records::restore(self.workspace, BLOCKS, &seal)?);
+            let (matrices, count) = (self.blocks.matrices(), self.levels.components.count());
+            if let Some(bytes) = self.workspace.load(MODEL)? {
+                model = Model::from_bytes(&bytes, levels, matrices, count);
+            }
+            let samples = (0..levels).map(|level| self.samples(level));
+            step(samples.sum())?;
+        }
+        let (descent, roots) = descent;
+        let blocks = blocks.map_or_else(|| Records::new(self.workspace, BLOCKS), Ok)?;
+        let coded = Coded {
             descent,
             roots,
             blocks,
-            model: Some(Model::new(adaptive, listed, components, groups)),
-        })
+            model,
+            resumed_levels: levels,
+        };
+        Ok((coded, levels))
     }
 
-    fn descent(&self) -> Result<(Descent<'a>, Vec<u8>)> {
-        Descent::new(
-            self.levels,
-            self.roots,
-            self.workspace.clone(),
-            self.threads,
-        )
+    /// Keeps what is coded for a build that goes on after this one was killed. `levels` are new.
+    fn save(&self, coded: &mut Coded, levels: Range<u32>) -> Result<()> {
+        if !self.workspace.is_kept() {
+            return Ok(());
+        }
+        let mut entries = vec![
+            (LEVELS.to_owned(), levels.end.to_ne_bytes().to_vec()),
+            (BLOCKS.to_owned(), coded.blocks.seal()?),
+        ];
+        if let Some(model) = &coded.model {
+            entries.push((MODEL.to_owned(), model.to_bytes()));
+        }
+        for level in levels {
+            entries.extend(coded.descent.seal(level)?);
+        }
+        self.workspace.save(entries)
+    }
+
+    fn descent(&self, workspace: &Workspace) -> Result<(Descent<'a>, Vec<u8>)> {
+        Descent::new(self.levels, self.roots, workspace.clone(), self.threads)
     }
 
     /// Drafts to blocks.
@@ -159,8 +205,7 @@ impl<'a> Coding<'a, '_> {
         if start > 0 {
             return start + 1;
         }
-        let samples = |level| self.diamonds(level) * (lattice.cells() * lattice.cells()) as u64;
-        let first = (0..lattice.levels()).find(|&level| samples(level) >= OWN_MODEL_SAMPLES);
+        let first = (0..lattice.levels()).find(|&level| self.samples(level) >= OWN_MODEL_SAMPLES);
         first.map_or(lattice.levels(), |level| level + 1)
     }
 
@@ -182,7 +227,8 @@ impl<'a> Coding<'a, '_> {
         let matrices = self.blocks.matrices();
         let mut trial = None;
         if levels.len() > 1 {
-            let (mut begun, _) = self.descent()?;
+            // Coarse levels only, which are small.
+            let (mut begun, _) = self.descent(&Workspace::Memory)?;
             let fixed = vec![Weights::fixed(); matrices];
             for _ in levels.start..levels.end - 1 {
                 self.draft_level(&mut begun, &fixed, |_, _| step(0))?;
@@ -191,8 +237,7 @@ impl<'a> Coding<'a, '_> {
         }
         let descent = trial.as_ref().unwrap_or(descent);
         let mut trainers: Vec<Trainer> = (0..matrices).map(|_| Trainer::new()).collect();
-        let cells = self.levels.lattice.cells();
-        let samples = self.diamonds(levels.end - 1) as usize * cells * cells;
+        let samples = self.samples(levels.end - 1) as usize;
         let every = samples.div_ceil(TRAINING_SAMPLES).max(1);
         for _ in 0..ROUNDS {
             let mut all = vec![Fit::new(); trainers.len()];
@@ -218,10 +263,11 @@ impl<'a> Coding<'a, '_> {
         Ok(weights.collect())
     }
 
-    /// Diamonds of a level.
-    fn diamonds(&self, level: u32) -> u64 {
-        let ranks = self.levels.lattice.level_ranks(level);
-        ranks.end - ranks.start
+    /// Centres of the diamonds of a level.
+    fn samples(&self, level: u32) -> u64 {
+        let lattice = self.levels.lattice;
+        let ranks = lattice.level_ranks(level);
+        (ranks.end - ranks.start) * (lattice.cells() * lattice.cells()) as u64
     }
 
     /// Takes the next level to drafts. `consume` gets each with the number of samples.

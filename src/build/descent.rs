@@ -90,8 +90,8 @@ impl<'a> Descent<'a> {
         let is_last = level + 1 == lattice.levels();
         let diamonds = lattice.diamonds(level);
         let mut reached = Reached {
-            vertices: Records::new(&self.workspace)?,
-            refined: Records::new(&self.workspace)?,
+            vertices: Records::new(&self.workspace, &vertices_name(level))?,
+            refined: Records::new(&self.workspace, &refined_name(level))?,
         };
         let mut ranges = Vec::with_capacity(diamonds.len());
         let components = self.components();
@@ -119,6 +119,37 @@ impl<'a> Descent<'a> {
         })?;
         self.reached.push(reached);
         self.ranges.append(&mut ranges);
+        Ok(())
+    }
+
+    /// Entries of a working store that tell of a level that was coded.
+    pub(super) fn seal(&mut self, level: u32) -> Result<Vec<(String, Vec<u8>)>> {
+        let ranks = self.levels.lattice.level_ranks(level);
+        let ranges = &self.ranges[ranks.start as usize..ranks.end as usize];
+        let ranges = bytemuck::cast_slice(ranges).to_vec();
+        let reached = &mut self.reached[level as usize];
+        Ok(vec![
+            (vertices_name(level), reached.vertices.seal()?),
+            (refined_name(level), reached.refined.seal()?),
+            (ranges_name(level), ranges),
+        ])
+    }
+
+    /// Goes on after so many levels, which are in the working store.
+    pub(super) fn restore(&mut self, levels: u32) -> Result<()> {
+        for level in 0..levels {
+            let records = |name: String| {
+                let seal = self.workspace.load(&name)?.unwrap_or_default();
+                Records::restore(&self.workspace, &name, &seal)
+            };
+            self.reached.push(Reached {
+                vertices: records(vertices_name(level))?,
+                refined: records(refined_name(level))?,
+            });
+            let ranges = self.workspace.load(&ranges_name(level))?;
+            let ranges: Vec<[i32; 2]> = bytemuck::pod_collect_to_vec(&ranges.unwrap_or_default());
+            self.ranges.extend(ranges);
+        }
         Ok(())
     }
 
@@ -212,6 +243,18 @@ impl<'a> Descent<'a> {
             voids: voids.as_deref(),
         }))
     }
+}
+
+fn vertices_name(level: u32) -> String {
+    format!("vertices-{level}")
+}
+
+fn refined_name(level: u32) -> String {
+    format!("refined-{level}")
+}
+
+fn ranges_name(level: u32) -> String {
+    format!("ranges-{level}")
 }
 
 /// A matrix as bytes: its heights, and its mask if it has one.

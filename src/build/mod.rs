@@ -13,7 +13,9 @@ pub mod source;
 mod summaries;
 mod surface;
 mod workers;
+mod working_store;
 mod workspace;
 
 pub use bound::longest_repository;
 pub use builder::{BuildOptions, BuildReport, build, build_into};
+pub use working_store::{Identity, clean};

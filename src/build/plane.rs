@@ -28,6 +28,9 @@ pub(super) struct Scratch {
     numbers: Vec<f64>,
 }
 
+/// What the samples are called in a working store, and what is told of them.
+const NUMBERS: &str = "samples";
+const SAVED: &str = "plane";
 /// Samples asked of a source at a time.
 const BAND_SAMPLES: usize = 1 << 20;
 
@@ -41,12 +44,16 @@ impl Plane {
         if is_wide { 8 } else { 4 }
     }
 
-    /// Reads a source to its end; `progress` gets the samples read so far and returns false to cancel.
+    /// Reads a source to its end, unless that was done before; `progress` gets the samples read so far and
+    /// returns false to cancel.
     pub(super) fn read(
         source: &mut dyn RasterSource,
         workspace: &Workspace,
         mut progress: impl FnMut(u64) -> bool,
     ) -> Result<Plane> {
+        if let Some(saved) = workspace.load(SAVED)? {
+            return Plane::restore(source.info(), workspace, &saved);
+        }
         let info = source.info();
         let (width, height) = (info.width as usize, info.height as usize);
         let bands = usize::from(info.bands);
@@ -58,7 +65,7 @@ impl Plane {
             width,
             height,
             bands,
-            numbers: Spill::new(workspace, bytes.ok_or_else(exceeded)?)?,
+            numbers: Spill::new(workspace, NUMBERS, bytes.ok_or_else(exceeded)?)?,
             is_narrow: number_bytes == 4,
             sample_range: [f64::INFINITY, f64::NEG_INFINITY],
             void_samples: 0,
@@ -77,7 +84,27 @@ impl Plane {
         if plane.void_samples == count as u64 {
             plane.sample_range = [0.0, 0.0];
         }
+        let told: &[u8] = bytemuck::cast_slice(&plane.sample_range);
+        let seal = plane.numbers.seal()?;
+        let saved = [told, &plane.void_samples.to_ne_bytes(), &seal].concat();
+        workspace.save(vec![(SAVED.to_owned(), saved)])?;
         Ok(plane)
+    }
+
+    /// The plane that was saved.
+    fn restore(info: &RasterInfo, workspace: &Workspace, saved: &[u8]) -> Result<Plane> {
+        let (told, seal) = saved.split_at(24.min(saved.len()));
+        let told = told.as_chunks::<8>().0;
+        let told = |place: usize| told.get(place).copied().unwrap_or_default();
+        Ok(Plane {
+            width: info.width as usize,
+            height: info.height as usize,
+            bands: usize::from(info.bands),
+            numbers: Spill::restore(workspace, NUMBERS, seal)?,
+            is_narrow: Plane::number_bytes(info.sample_type) == 4,
+            sample_range: [0, 1].map(|end| f64::from_ne_bytes(told(end))),
+            void_samples: u64::from_ne_bytes(told(2)),
+        })
     }
 
     /// Keeps the samples from number `start` on, and what is to be said of all of them.

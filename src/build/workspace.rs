@@ -1,20 +1,71 @@
 //! Where a build keeps what it does not need at once: in memory, or in temporary files.
 
+use super::working_store::WorkingStore;
 use crate::{Error, Result};
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Bytes gathered before they are written to a file.
 const BUFFER_LENGTH: usize = 1 << 20;
+/// Bytes of a [`Spill`]'s seal: its length, and its checksum.
+const SEAL_LENGTH: usize = 12;
 
 /// Chooses where bytes are kept.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone)]
 pub(super) enum Workspace {
     /// In memory.
     Memory,
     /// In files without a name in this folder, which the system forgets with the process.
     Folder(PathBuf),
+    /// In files of a working store, under names that begin so.
+    Store(Arc<WorkingStore>, &'static str),
+}
+
+impl Workspace {
+    /// The same place, under other names.
+    pub(super) fn part(&self, part: &'static str) -> Workspace {
+        match self {
+            Workspace::Store(store, _) => Workspace::Store(store.clone(), part),
+            other => other.clone(),
+        }
+    }
+
+    /// What [`save`](Self::save) kept before the process was killed.
+    pub(super) fn load(&self, key: &str) -> Result<Option<Vec<u8>>> {
+        match self {
+            Workspace::Store(store, part) => store.get(&format!("{part}/{key}")),
+            _ => Ok(None),
+        }
+    }
+
+    /// Keeps entries for a build that goes on after this one was killed: all of them or none.
+    pub(super) fn save(&self, entries: Vec<(String, Vec<u8>)>) -> Result<()> {
+        let Workspace::Store(store, part) = self else {
+            return Ok(());
+        };
+        let entries = entries.into_iter();
+        let entries: Vec<_> = entries
+            .map(|(key, value)| (format!("{part}/{key}"), value))
+            .collect();
+        store.put(&entries)
+    }
+
+    /// Removes the working store.
+    pub(super) fn remove(self) -> Result<()> {
+        let Workspace::Store(store, _) = self else {
+            return Ok(());
+        };
+        let folder = store.folder.clone();
+        drop(store);
+        std::fs::remove_dir_all(&folder).map_err(Error::io(&folder, "cannot remove"))
+    }
+
+    /// Whether what is saved is kept.
+    pub(super) fn is_kept(&self) -> bool {
+        matches!(self, Workspace::Store(..))
+    }
 }
 
 /// Bytes that are appended, and then read at any place by any thread.
@@ -25,19 +76,21 @@ pub(super) enum Spill {
         folder: PathBuf,
         /// Bytes in the file.
         written: u64,
+        /// Of those.
+        checksum: crc32fast::Hasher,
         /// The bytes after those.
         buffer: Vec<u8>,
     },
 }
 
 impl Spill {
-    /// Nothing yet; room for `expected` bytes is set aside in memory.
+    /// Nothing yet; room for `expected` bytes is set aside in memory. In a working store the file has this name.
     ///
     /// # Errors
     ///
     /// [`Error::Io`] where the file cannot be made; [`Error::Argument`] where memory is short.
-    pub(super) fn new(workspace: &Workspace, expected: u64) -> Result<Spill> {
-        match workspace {
+    pub(super) fn new(workspace: &Workspace, name: &str, expected: u64) -> Result<Spill> {
+        let (file, folder) = match workspace {
             Workspace::Memory => {
                 let mut bytes = Vec::new();
                 let reserved = usize::try_from(expected)
@@ -46,16 +99,76 @@ impl Spill {
                 reserved.ok_or_else(|| {
                     Error::Argument(format!("{expected} bytes for the build exceed the memory"))
                 })?;
-                Ok(Spill::Memory(bytes))
+                return Ok(Spill::Memory(bytes));
             }
-            Workspace::Folder(folder) => Ok(Spill::File {
-                file: tempfile::tempfile_in(folder)
-                    .map_err(Error::io(folder, "cannot make a temporary file in"))?,
-                folder: folder.clone(),
-                written: 0,
-                buffer: Vec::new(),
-            }),
+            Workspace::Folder(folder) => (tempfile::tempfile_in(folder), folder),
+            Workspace::Store(store, part) => {
+                let path = store.folder.join(format!("{part}-{name}"));
+                let mut options = OpenOptions::new();
+                options.read(true).write(true).create(true).truncate(true);
+                (options.open(path), &store.folder)
+            }
+        };
+        Ok(Spill::File {
+            file: file.map_err(Error::io(folder, "cannot make a temporary file in"))?,
+            folder: folder.clone(),
+            written: 0,
+            checksum: crc32fast::Hasher::new(),
+            buffer: Vec::new(),
+        })
+    }
+
+    /// Writes all to the file; what says that it is there.
+    pub(super) fn seal(&mut self) -> Result<Vec<u8>> {
+        self.flush()?;
+        Ok(match self {
+            Spill::Memory(_) => Vec::new(),
+            Spill::File {
+                written, checksum, ..
+            } => {
+                let checksum = checksum.clone().finalize();
+                [&written.to_ne_bytes()[..], &checksum.to_ne_bytes()].concat()
+            }
+        })
+    }
+
+    /// What was sealed before the process was killed. Whatever came after it is dropped.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Damaged`] where the file does not hold that any more; [`Error::Io`].
+    pub(super) fn restore(workspace: &Workspace, name: &str, seal: &[u8]) -> Result<Spill> {
+        let Workspace::Store(store, part) = workspace else {
+            return Spill::new(workspace, name, 0);
+        };
+        let (length, checksum) = seal.split_at(8.min(seal.len()));
+        let length = length.try_into().map_or(0, u64::from_ne_bytes);
+        let folder = store.folder.clone();
+        let path = folder.join(format!("{part}-{name}"));
+        let file = OpenOptions::new().read(true).write(true).open(path);
+        let file = file.map_err(Error::io(&folder, "cannot open a file in"))?;
+        let (mut found, mut offset) = (crc32fast::Hasher::new(), 0);
+        let mut buffer = Vec::new();
+        while offset < length {
+            buffer.resize((length - offset).min(BUFFER_LENGTH as u64) as usize, 0);
+            read_exact_at(&file, offset, &mut buffer)
+                .map_err(Error::io(&folder, "cannot read a file in"))?;
+            found.update(&buffer);
+            offset += buffer.len() as u64;
         }
+        if found.clone().finalize().to_ne_bytes() != checksum {
+            let message = format!("{part}-{name} is not as it was written: remove it by kmb clean");
+            return Err(Error::damaged(&folder, message));
+        }
+        file.set_len(length)
+            .map_err(Error::io(&folder, "cannot shorten a file in"))?;
+        Ok(Spill::File {
+            file,
+            folder,
+            written: length,
+            checksum: found,
+            buffer: Vec::new(),
+        })
     }
 
     /// Bytes so far.
@@ -86,12 +199,14 @@ impl Spill {
             file,
             folder,
             written,
+            checksum,
             buffer,
         } = self
         {
             write_all_at(file, *written, buffer)
                 .map_err(Error::io(folder, "cannot write a temporary file in"))?;
             *written += buffer.len() as u64;
+            checksum.update(buffer);
             buffer.clear();
         }
         Ok(())
@@ -111,6 +226,7 @@ impl Spill {
                 folder,
                 written,
                 buffer,
+                ..
             } => {
                 scratch.resize(length, 0);
                 let in_file = written.saturating_sub(offset).min(length as u64) as usize;
@@ -135,10 +251,25 @@ pub(super) struct Records {
 }
 
 impl Records {
-    pub(super) fn new(workspace: &Workspace) -> Result<Records> {
+    pub(super) fn new(workspace: &Workspace, name: &str) -> Result<Records> {
         Ok(Records {
-            spill: Spill::new(workspace, 0)?,
+            spill: Spill::new(workspace, name, 0)?,
             ends: Vec::new(),
+        })
+    }
+
+    /// As [`Spill::seal`].
+    pub(super) fn seal(&mut self) -> Result<Vec<u8>> {
+        let ends: &[u8] = bytemuck::cast_slice(&self.ends);
+        Ok([&self.spill.seal()?, ends].concat())
+    }
+
+    /// As [`Spill::restore`].
+    pub(super) fn restore(workspace: &Workspace, name: &str, seal: &[u8]) -> Result<Records> {
+        let (spill, ends) = seal.split_at(SEAL_LENGTH.min(seal.len()));
+        Ok(Records {
+            spill: Spill::restore(workspace, name, spill)?,
+            ends: bytemuck::pod_collect_to_vec(&ends[..ends.len() / 8 * 8]),
         })
     }
 
@@ -169,7 +300,7 @@ impl Records {
     }
 }
 
-/// Whether a folder can hold temporary files; the working folder for a path without one.
+/// The folder of a path; the working folder for one without.
 pub(super) fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.to_path_buf(),

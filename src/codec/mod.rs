@@ -5,6 +5,7 @@ mod block;
 mod bounds;
 pub mod colour;
 mod components;
+mod draft;
 mod lengths;
 mod mask;
 mod matrix;
@@ -21,9 +22,10 @@ mod units;
 #[cfg(target_arch = "x86_64")]
 mod wave_avx2;
 
-pub use block::{BlockCodec, BlockError, Draft, block_length_unit};
+pub use block::{BlockCodec, BlockError, block_length_unit};
 pub use bounds::{ErrorCode, RangeCode};
 pub use components::{ColourUnits, Components};
+pub use draft::Draft;
 pub use lengths::{DECISION_BITS, NUMBER_BITS, longest_block, longest_blocks};
 pub use matrix::{Matrix, child_vertices};
 pub use model::{LevelModel, MatrixModel, Model};

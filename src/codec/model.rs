@@ -90,6 +90,15 @@ impl Model {
         model
     }
 
+    /// The groups of levels, each with the first level after it.
+    pub fn groups(&self) -> Vec<(LevelModel, u32)> {
+        let groups = self.groups.iter().enumerate();
+        let end = |group| self.group_of.partition_point(|&own| own <= group) as u32;
+        groups
+            .map(|(group, own)| (own.clone(), end(group)))
+            .collect()
+    }
+
     /// Refinable levels.
     pub fn levels(&self) -> u32 {
         self.group_of.len() as u32

@@ -4,3 +4,4 @@ mod bad_input;
 mod interruption;
 mod kmb;
 mod results;
+mod resume;

@@ -40,6 +40,8 @@ pub enum Command {
     Fly(Fly),
     /// Measure how fast blocks are read and decoded
     Bench { file: PathBuf },
+    /// Remove what unfinished builds of an output left beside it
+    Clean { output: PathBuf },
     /// The height at a place in the raster's reference system
     #[command(allow_negative_numbers = true)]
     Height { file: PathBuf, x: f64, y: f64 },
@@ -52,6 +54,7 @@ impl Command {
             Command::Build(build) => build.inputs.first().unwrap_or(&build.output),
             Command::Extract(extract) => &extract.file,
             Command::Fly(fly) => &fly.file,
+            Command::Clean { output } => output,
             Command::Info { file }
             | Command::Verify { file, .. }
             | Command::Bench { file }

@@ -48,6 +48,7 @@ pub fn run(command: &Command) -> Result<Outcome> {
         Command::Extract(arguments) => extract(arguments).map(Outcome::from),
         Command::Fly(arguments) => fly(arguments).map(Outcome::from),
         Command::Bench { file } => bench(file).map(Outcome::from),
+        Command::Clean { output } => clean(output).map(Outcome::from),
         Command::Height { file, x, y } => height(file, *x, *y).map(Outcome::from),
     }
 }
@@ -89,6 +90,7 @@ fn build(arguments: &arguments::Build) -> Result<Report> {
             .transpose()?,
         cells_log2: arguments.cells as u32,
         memory: arguments.memory.map(|mebibytes| mebibytes << 20),
+        resume: Some(identity_of(arguments)?),
         threads: arguments.threads,
     };
     let output = &arguments.output;
@@ -114,8 +116,32 @@ fn build(arguments: &arguments::Build) -> Result<Report> {
         .with("max_error", built.max_error)
         .with("rms_error", built.rms_error)
         .with("texels_per_sample", texels)
+        .with("resumed_levels", built.resumed_levels)
         .with("seconds", start.elapsed().as_secs_f64())
         .with("peak_memory_bytes", peak_memory_bytes()))
+}
+
+fn clean(output: &Path) -> Result<Report> {
+    let removed = build::clean(output)?;
+    Ok(Report::default().with("removed", removed.len()))
+}
+
+/// What tells the input from others: its files with their sizes and times, and how they are read.
+fn identity_of(arguments: &arguments::Build) -> Result<build::Identity> {
+    let files = arguments.inputs.iter().chain(&arguments.domain_of);
+    let mut identity = files
+        .map(|path| {
+            let cannot = || Error::io(path, "cannot open");
+            let metadata = std::fs::metadata(path).map_err(cannot())?;
+            let modified = metadata.modified().map_err(cannot())?;
+            let path = path.canonicalize().map_err(cannot())?;
+            let told = format!("{} bytes, modified {modified:?}", metadata.len());
+            Ok((path.display().to_string(), told))
+        })
+        .collect::<Result<build::Identity>>()?;
+    let reading = arguments.source.options(arguments.colour);
+    identity.push(("reading".to_owned(), format!("{reading:?}")));
+    Ok(identity)
 }
 
 /// An image on the samples of a repository of heights and between them, and how many texels lie from one

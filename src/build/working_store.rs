@@ -1,0 +1,163 @@
+//! The working store of a build that does not fit its memory: a folder beside the output, from which a build
+//! that was killed goes on. redb keeps what is known to be whole in its files.
+
+use crate::{Error, Result};
+use redb::{Database, DatabaseError, TableDefinition};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// What an input and the options are told by: names and values.
+pub type Identity = Vec<(String, String)>;
+
+const ENTRIES: TableDefinition<&str, &[u8]> = TableDefinition::new("entries");
+/// The entry of the identity.
+const IDENTITY: &str = "identity";
+/// Bytes of memory for redb.
+const CACHE: usize = 4 << 20;
+
+/// An open working store. One process at a time has it.
+pub(super) struct WorkingStore {
+    pub(super) folder: PathBuf,
+    database: Database,
+}
+
+impl WorkingStore {
+    /// Opens the store of the output, which must be of the same identity, or begins one.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] where another build has it or an unfinished one of another identity left it, and says
+    /// what differs; [`Error::Io`]; [`Error::Damaged`].
+    pub(super) fn open(output: &Path, identity: &Identity) -> Result<WorkingStore> {
+        let folder = folder_for(output);
+        std::fs::create_dir_all(&folder).map_err(Error::io(&folder, "cannot make the folder"))?;
+        let path = folder.join("store.redb");
+        let opened = Database::builder().set_cache_size(CACHE).create(&path);
+        let database = opened.map_err(|error| match error {
+            DatabaseError::DatabaseAlreadyOpen => {
+                Error::Argument(format!("{}: another build is using it", folder.display()))
+            }
+            error => damaged(&folder, error),
+        })?;
+        let store = WorkingStore { folder, database };
+        match store.get(IDENTITY)? {
+            None => store.put(&[(IDENTITY.to_owned(), lines(identity).into_bytes())])?,
+            Some(found) => store.compare(&String::from_utf8_lossy(&found), identity)?,
+        }
+        Ok(store)
+    }
+
+    fn compare(&self, found: &str, identity: &Identity) -> Result<()> {
+        let given = lines(identity);
+        if found == given {
+            return Ok(());
+        }
+        let differs = |(a, b): &(&str, &str)| a != b;
+        let pairs = found.lines().zip(given.lines()).filter(differs);
+        let mut pairs = pairs.map(|(found, given)| format!("it has {found}, not {given}"));
+        let differences = match pairs.next() {
+            Some(first) => pairs.fold(first, |all, next| format!("{all}; {next}")),
+            None => "it has other inputs".to_owned(),
+        };
+        Err(Error::Argument(format!(
+            "{} holds an unfinished build of other data: {differences}: finish that one, or remove it by kmb clean",
+            self.folder.display()
+        )))
+    }
+
+    /// An entry.
+    pub(super) fn get(&self, key: &str) -> Result<Option<Vec<u8>>> {
+        let read = || -> std::result::Result<Option<Vec<u8>>, redb::Error> {
+            let transaction = self.database.begin_read()?;
+            let table = match transaction.open_table(ENTRIES) {
+                Err(redb::TableError::TableDoesNotExist(_)) => return Ok(None),
+                table => table?,
+            };
+            Ok(table.get(key)?.map(|value| value.value().to_vec()))
+        };
+        read().map_err(|error| damaged(&self.folder, error))
+    }
+
+    /// Puts entries, all or none of them.
+    pub(super) fn put(&self, entries: &[(String, Vec<u8>)]) -> Result<()> {
+        let write = || -> std::result::Result<(), redb::Error> {
+            let transaction = self.database.begin_write()?;
+            {
+                let mut table = transaction.open_table(ENTRIES)?;
+                for (key, value) in entries {
+                    table.insert(&**key, &**value)?;
+                }
+            }
+            transaction.commit()?;
+            Ok(())
+        };
+        write().map_err(|error| damaged(&self.folder, error))
+    }
+}
+
+/// Removes what unfinished builds of an output left: the working store, and temporary files with its name. Returns
+/// what was removed.
+///
+/// # Errors
+///
+/// [`Error::Argument`] where a build is using the store; [`Error::Io`].
+pub fn clean(output: &Path) -> Result<Vec<PathBuf>> {
+    let (folder, parent) = (folder_for(output), super::workspace::folder_of(output));
+    let mut removed = Vec::new();
+    if folder.is_dir() {
+        let path = folder.join("store.redb");
+        if path.exists()
+            && matches!(
+                Database::open(&path),
+                Err(DatabaseError::DatabaseAlreadyOpen)
+            )
+        {
+            let message = format!("{}: a build is using it", folder.display());
+            return Err(Error::Argument(message));
+        }
+        std::fs::remove_dir_all(&folder).map_err(Error::io(&folder, "cannot remove"))?;
+        removed.push(folder);
+    }
+    let prefix = dotted(output, ".");
+    let entries = std::fs::read_dir(&parent).map_err(Error::io(&parent, "cannot list"))?;
+    for entry in entries {
+        let path = entry.map_err(Error::io(&parent, "cannot list"))?.path();
+        let name = path.file_name().unwrap_or_default().as_encoded_bytes();
+        if name.starts_with(prefix.as_encoded_bytes()) && name.ends_with(b".part") {
+            std::fs::remove_file(&path).map_err(Error::io(&path, "cannot remove"))?;
+            removed.push(path);
+        }
+    }
+    Ok(removed)
+}
+
+/// The folder of an output's working store.
+pub(super) fn folder_for(output: &Path) -> PathBuf {
+    super::workspace::folder_of(output).join(dotted(output, ".work"))
+}
+
+/// `.NAME` and an end.
+fn dotted(output: &Path, end: &str) -> OsString {
+    let mut name = OsString::from(".");
+    name.push(output.file_name().unwrap_or_default());
+    name.push(end);
+    name
+}
+
+fn lines(identity: &Identity) -> String {
+    let lines = identity.iter().map(|(name, value)| {
+        let value = value.replace('\n', " ");
+        format!("{name} {value}\n")
+    });
+    lines.collect()
+}
+
+fn damaged(folder: &Path, error: impl Into<redb::Error>) -> Error {
+    match error.into() {
+        redb::Error::Io(source) => Error::io(folder, "cannot use the working store")(source),
+        error => Error::damaged(
+            folder,
+            format!("the working store of an unfinished build: {error}: remove it by kmb clean"),
+        ),
+    }
+}
