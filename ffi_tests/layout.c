@@ -115,7 +115,7 @@ static void structs(void)
     AT(kmb_builder_options, entropy, 36);
     AT(kmb_builder_options, rms_error, 40);
     AT(kmb_builder_options, bands, 48);
-    AT(kmb_builder_options, reserved, 52);
+    AT(kmb_builder_options, memory, 52);
     SIZE(kmb_build_report, 48);
     AT(kmb_build_report, struct_size, 0);
     AT(kmb_build_report, reserved, 4);

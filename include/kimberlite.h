@@ -751,8 +751,9 @@ typedef struct kmb_builder_options {
     // Numbers of a sample: 0 or 1 for heights; 3 for colours (red, green, blue), which are of
     // KMB_SAMPLE_U8 or KMB_SAMPLE_U16. Errors are then those of each of the three.
     uint32_t bands;
-    // 0.
-    uint32_t reserved;
+    // Memory that the process may take, in MiB, about: what does not fit goes to temporary files in the folder of
+    // the output. 0 for no limit. The file does not depend on it.
+    uint32_t memory;
 } kmb_builder_options;
 
 // Fills `samples` with `row_count` rows of the raster from row `first_row` on, row by row: a

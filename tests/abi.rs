@@ -60,7 +60,7 @@ fn structs_lie_as_c_programs_were_compiled() {
     layout!(
         kmb_builder_options, 56, struct_size 0, sample_type 4, width 8, height 12, max_error 16,
         cells 24, threads 28, transform 32, entropy 36, rms_error 40,
-        bands 48, reserved 52
+        bands 48, memory 52
     );
     layout!(
         kmb_build_report, 48, struct_size 0, reserved 4, samples 8, void_samples 16, bytes 24,

@@ -89,8 +89,9 @@ pub struct kmb_builder_options {
     /// Numbers of a sample: 0 or 1 for heights; 3 for colours (red, green, blue), which are of
     /// KMB_SAMPLE_U8 or KMB_SAMPLE_U16. Errors are then those of each of the three.
     pub bands: u32,
-    /// 0.
-    pub reserved: u32,
+    /// Memory that the process may take, in MiB, about: what does not fit goes to temporary files in the folder of
+    /// the output. 0 for no limit. The file does not depend on it.
+    pub memory: u32,
 }
 
 /// What a build made.
@@ -166,6 +167,7 @@ pub unsafe extern "C" fn kmb_builder_create(
                 max_error: options.max_error,
                 rms_error: (options.rms_error != 0.0).then_some(options.rms_error),
                 cells_log2: cells_log2(options.cells)?,
+                memory: (options.memory != 0).then_some(u64::from(options.memory) << 20),
                 threads: options.threads as usize,
                 entropy: entropy_kind(options.entropy)?,
                 ..BuildOptions::default()
