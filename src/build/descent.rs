@@ -230,17 +230,17 @@ impl<'a> Descent<'a> {
         outline: &Outline,
         code: impl Fn(Input) -> T,
     ) -> Result<T> {
-        let (centres, voids) = self.levels.next_centres(diamond, outline)?;
+        let next = self.levels.next_centres(diamond, outline)?;
         let rank = self.levels.lattice.rank(diamond);
         let target = Target {
             vertices: self.levels.next_vertices(rank).unwrap_or(&vertices.values),
-            centres: &centres,
+            centres: &next.heights,
         };
         Ok(code(Input {
             vertices,
             outline,
             target,
-            voids: voids.as_deref(),
+            voids: next.voids.as_deref(),
         }))
     }
 }

@@ -18,6 +18,14 @@ pub(super) struct Levels<'a> {
     filtered: Option<Filtered<'a>>,
 }
 
+/// What a diamond's centres should be on the next level.
+pub(super) struct NextCentres {
+    /// N^2 of each component, 0 where not valid.
+    pub(super) heights: Box<[i32]>,
+    /// Where the raster has voids, N^2: 1 for each codable centre that is void.
+    pub(super) voids: Option<Box<[u8]>>,
+}
+
 /// 1 where an entry of a matrix is a sample that is not void; `None` when all are.
 pub(super) type Mask = Option<Box<[u8]>>;
 
@@ -44,13 +52,8 @@ impl<'a> Levels<'a> {
         Ok(levels)
     }
 
-    /// The heights that a diamond's centres should have on the next level, N^2 of each component, 0 where not
-    /// valid; and, where the raster has voids, N^2: 1 for each codable one that is void.
-    pub(super) fn next_centres(
-        &self,
-        diamond: Diamond,
-        outline: &Outline,
-    ) -> Result<(Box<[i32]>, Option<Box<[u8]>>)> {
+    /// The heights that a diamond's centres should have on the next level.
+    pub(super) fn next_centres(&self, diamond: Diamond, outline: &Outline) -> Result<NextCentres> {
         let (heights, valid) = match &self.filtered {
             Some(filtered) => filtered.centres(diamond, outline),
             None => self.centres(diamond, outline)?,
@@ -61,7 +64,7 @@ impl<'a> Levels<'a> {
             u8::from(!valid && outline.is_codable(index))
         };
         let voids = has_voids.then(|| (0..cells * cells).map(is_void).collect());
-        Ok((heights, voids))
+        Ok(NextCentres { heights, voids })
     }
 
     /// The samples at a diamond's codable centres in units, N^2 of each component, and which are valid.

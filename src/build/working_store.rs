@@ -2,7 +2,7 @@
 //! that was killed goes on. redb keeps what is known to be whole in its files.
 
 use crate::{Error, Result};
-use redb::{Database, DatabaseError, TableDefinition};
+use redb::{Database, DatabaseError, TableDefinition, TableError};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -67,31 +67,33 @@ impl WorkingStore {
 
     /// An entry.
     pub(super) fn get(&self, key: &str) -> Result<Option<Vec<u8>>> {
-        let read = || -> std::result::Result<Option<Vec<u8>>, redb::Error> {
-            let transaction = self.database.begin_read()?;
-            let table = match transaction.open_table(ENTRIES) {
-                Err(redb::TableError::TableDoesNotExist(_)) => return Ok(None),
-                table => table?,
-            };
-            Ok(table.get(key)?.map(|value| value.value().to_vec()))
+        let transaction = self.database.begin_read();
+        let transaction = transaction.map_err(|error| self.damaged(error))?;
+        let table = match transaction.open_table(ENTRIES) {
+            Err(TableError::TableDoesNotExist(_)) => return Ok(None),
+            table => table.map_err(|error| self.damaged(error))?,
         };
-        read().map_err(|error| damaged(&self.folder, error))
+        let value = table.get(key).map_err(|error| self.damaged(error))?;
+        Ok(value.map(|value| value.value().to_vec()))
     }
 
     /// Puts entries, all or none of them.
     pub(super) fn put(&self, entries: &[(String, Vec<u8>)]) -> Result<()> {
-        let write = || -> std::result::Result<(), redb::Error> {
-            let transaction = self.database.begin_write()?;
-            {
-                let mut table = transaction.open_table(ENTRIES)?;
-                for (key, value) in entries {
-                    table.insert(&**key, &**value)?;
-                }
+        let transaction = self.database.begin_write();
+        let transaction = transaction.map_err(|error| self.damaged(error))?;
+        {
+            let table = transaction.open_table(ENTRIES);
+            let mut table = table.map_err(|error| self.damaged(error))?;
+            for (key, value) in entries {
+                let put = table.insert(&**key, &**value);
+                put.map_err(|error| self.damaged(error))?;
             }
-            transaction.commit()?;
-            Ok(())
-        };
-        write().map_err(|error| damaged(&self.folder, error))
+        }
+        transaction.commit().map_err(|error| self.damaged(error))
+    }
+
+    fn damaged(&self, error: impl Into<redb::Error>) -> Error {
+        damaged(&self.folder, error)
     }
 }
 

@@ -102,7 +102,9 @@ fn an_unfinished_build_of_other_options_is_told_and_can_be_removed() {
     let refused: kmb::Run = refused.into();
     assert_ne!(refused.code, Some(0));
     let told = ["maximum error 10, not maximum error 20", "kmb clean"];
-    told.map(|text| assert!(refused.stderr.contains(text), "{}", refused.stderr));
+    for text in told {
+        assert!(refused.stderr.contains(text), "{}", refused.stderr);
+    }
     assert!(!output.exists());
     let cleaned = kmb!["clean", &output, "--json"].succeeds();
     assert!(cleaned.json()["removed"].as_u64().unwrap() >= 1);
