@@ -6,6 +6,7 @@ use super::model::WEIGHT_STEP;
 use crate::transform::adaptive::{
     ACTIVITIES, CLASSES, COMPANIONS, CONTEXTS, FEATURES, Sight, WEIGHT_BITS, Weights,
 };
+use crate::vectors::widened;
 
 /// Rounds of fitting: two for the activity, one to see where it lies, one for each class.
 pub const ROUNDS: usize = 4;
@@ -35,6 +36,7 @@ impl<const N: usize> Equations<N> {
         }
     }
 
+    #[inline(always)]
     fn add(&mut self, numbers: [f64; N], target: f64, weight: f64) {
         for (row, &number) in self.matrix.iter_mut().zip(&numbers) {
             let scaled = number * weight;
@@ -186,15 +188,14 @@ impl Trainer {
         let moved = moves.fold(0.0, |sum, (companion, weights)| {
             sum + companion * f64::from(weights[class]) / unit
         });
-        let features = sight.features.map(f64::from);
-        fit.prediction[class].add(features, from_order_two - moved, weight);
+        let prediction = &mut fit.prediction[class];
+        add_features(prediction, &sight.features, from_order_two - moved, weight);
         if companions != [0.0; COMPANIONS] {
             fit.companions[class].add(companions, residual + moved, weight);
         }
         let scale = scale + 0.1 * step;
         let weight = 1.0 / (0.3 * residual * residual + scale * scale);
-        let activities = sight.activities.map(f64::from);
-        fit.activity.add(activities, residual.abs(), weight);
+        add_activities(&mut fit.activity, &sight.activities, residual.abs(), weight);
     }
 
     /// Ends a round.
@@ -227,6 +228,18 @@ impl Trainer {
             self.weights.first_context = first_context(&fit.quarters);
         }
         self.round += 1;
+    }
+}
+
+widened! {
+    fn add_features(equations: &mut Equations<FEATURES>, features: &[i32; FEATURES], target: f64, weight: f64) {
+        equations.add(features.map(f64::from), target, weight);
+    }
+}
+
+widened! {
+    fn add_activities(equations: &mut Equations<ACTIVITIES>, parts: &[i32; ACTIVITIES], target: f64, weight: f64) {
+        equations.add(parts.map(f64::from), target, weight);
     }
 }
 
