@@ -2,6 +2,7 @@
 
 use crate::codec::Matrix;
 use crate::lattice::{Apex, Diamond, Lattice, Placement};
+use std::cmp::Ordering;
 
 /// Corners of a triangle of a unit cell, as offsets from its first vertex, with the barycentric weights of
 /// a place in it.
@@ -29,6 +30,7 @@ pub(super) type Corners = [(usize, f64); 3];
 /// One half of a diamond as a surface of its own triangles.
 pub(super) struct CoarseHalf<'a> {
     lattice: &'a Lattice,
+    is_leaf: bool,
     placement: Placement,
     apex: Apex,
     /// Of the whole diamond; only this half's need mean anything.
@@ -36,7 +38,7 @@ pub(super) struct CoarseHalf<'a> {
 }
 
 impl<'a> CoarseHalf<'a> {
-    /// Half `half` of `diamond`, which is not one of the leaf level.
+    /// Half `half` of `diamond`.
     pub(super) fn new(
         lattice: &'a Lattice,
         diamond: Diamond,
@@ -45,6 +47,7 @@ impl<'a> CoarseHalf<'a> {
     ) -> CoarseHalf<'a> {
         CoarseHalf {
             lattice,
+            is_leaf: diamond.level() == lattice.levels(),
             placement: lattice.placement(diamond),
             apex: lattice.apexes(diamond)[half],
             vertices,
@@ -62,34 +65,63 @@ impl<'a> CoarseHalf<'a> {
         }
     }
 
-    /// The corners of the triangle around fractional matrix indices of the closed half, those beside it by
-    /// rounding included; `None` where none is drawn.
+    /// The corners of a drawn triangle that has fractional matrix indices of the closed half, those beside it by
+    /// rounding included; `None` where none is drawn. On a common edge all triangles have one height.
     pub(super) fn corners(&self, at: [f64; 2]) -> Option<Corners> {
-        let cells = self.lattice.cells();
+        let last = self.lattice.cells() - 1;
         let [i, j] = self.clamped(at);
-        let cell = |along: f64| (along.floor() as usize).min(cells - 1);
-        let (mut ci, mut cj) = (cell(i), cell(j));
-        // Of the cells around a vertex of the hypotenuse, one of this half.
-        if self.apex == Apex::Origin && ci + cj >= cells {
-            if ci > 0 { ci -= 1 } else { cj -= 1 }
-        }
-        let (a, b) = (i - ci as f64, j - cj as f64);
-        let main = matches!(self.apex, Apex::Right | Apex::Bottom);
-        let on_hypotenuse = if main { ci == cj } else { ci + cj + 1 == cells };
-        let first = match on_hypotenuse {
-            true => matches!(self.apex, Apex::Right | Apex::Origin),
-            false => is_in_first(main, a, b),
+        let around = |along: f64| {
+            let cell = (along.floor() as usize).min(last);
+            let before = (along == cell as f64 && cell > 0).then(|| cell - 1);
+            std::iter::once(cell).chain(before)
         };
+        let cells = around(j).flat_map(|cj| around(i).map(move |ci| (ci, cj)));
+        let triangles = cells.flat_map(|cell| [(cell, true), (cell, false)]);
+        triangles
+            .filter(|&(cell, first)| self.has_triangle(cell, first))
+            .find_map(|(cell, first)| self.drawn_corners(cell, first, [i, j]))
+    }
+
+    fn has_main_hypotenuse(&self) -> bool {
+        matches!(self.apex, Apex::Right | Apex::Bottom)
+    }
+
+    /// Whether the first or second triangle of a cell is of this half.
+    fn has_triangle(&self, (ci, cj): (usize, usize), first: bool) -> bool {
+        let side = match self.has_main_hypotenuse() {
+            true => ci.cmp(&cj),
+            false => self.lattice.cells().cmp(&(ci + cj + 1)),
+        };
+        let has_first_side = matches!(self.apex, Apex::Right | Apex::Origin);
+        match side {
+            Ordering::Equal => first == has_first_side,
+            Ordering::Greater => has_first_side,
+            Ordering::Less => !has_first_side,
+        }
+    }
+
+    /// The corners of a triangle of a cell, if it is drawn and has the place.
+    fn drawn_corners(
+        &self,
+        (ci, cj): (usize, usize),
+        first: bool,
+        [i, j]: [f64; 2],
+    ) -> Option<Corners> {
+        let (a, b) = (i - ci as f64, j - cj as f64);
+        let main = self.has_main_hypotenuse();
+        let is_on_edge = if main { a == b } else { a + b == 1.0 };
+        if !is_on_edge && first != is_in_first(main, a, b) {
+            return None;
+        }
+        let side = self.lattice.cells() + 1;
         let corners = triangle(main, first, a, b).map(|([di, dj], weight)| {
             let (i, j) = (ci + di as usize, cj + dj as usize);
-            (j * (cells + 1) + i, weight)
+            (j * side + i, weight)
         });
-        let places = corners.map(|(index, _)| {
-            let (i, j) = (index % (cells + 1), index / (cells + 1));
-            self.placement.vertex(i, j)
-        });
+        let places = corners.map(|(index, _)| self.placement.vertex(index % side, index / side));
         let valid = corners.map(|(index, _)| self.vertices.is_valid(index));
-        self.lattice.draws(false, places, valid).then_some(corners)
+        let is_drawn = self.lattice.draws(self.is_leaf, places, valid);
+        is_drawn.then_some(corners)
     }
 
     /// The nearest place of the closed half.

@@ -153,13 +153,20 @@ impl Query {
         let Some(corners) = surface.corners(indices(diamond)) else {
             return Ok(None);
         };
-        let height = |(index, weight): (usize, f64)| weight * f64::from(vertices.values[index]);
-        let unit: f64 = corners.map(height).iter().sum();
-        let error = terrain.summary(diamond, terrain.range())?.error;
+        let weighted = |height: &dyn Fn(i32) -> f64| -> f64 {
+            let each = corners.map(|(index, weight)| weight * height(vertices.values[index]));
+            each.iter().sum()
+        };
         let (info, units) = (terrain.raster_info(), terrain.units());
-        let [low, high] = units.sample_range;
-        let sample = (unit * units.scale + units.offset).clamp(low, high);
-        let bound = terrain.header().max_error + error * units.scale;
+        let mut bound = terrain.header().max_error;
+        let sample = if diamond.level() == lattice.levels() {
+            // On the edge of what is missing, the other side being there.
+            weighted(&|unit| units.to_sample(unit))
+        } else {
+            bound += terrain.summary(diamond, terrain.range())?.error * units.scale;
+            let [low, high] = units.sample_range;
+            (weighted(&f64::from) * units.scale + units.offset).clamp(low, high)
+        };
         Ok(Some(Height {
             height: info.value_offset + info.value_scale * sample,
             error_bound: bound * info.value_scale.abs(),
