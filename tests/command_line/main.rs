@@ -3,4 +3,5 @@
 mod bad_input;
 mod interruption;
 mod kmb;
+mod repair;
 mod results;
