@@ -117,10 +117,9 @@ impl Case {
                 .summary(diamond, self.repaired.range())
                 .unwrap()
                 .error;
-            let parents = lattice.parents(diamond);
-            for half in 0..2 {
+            for (half, parent) in lattice.parents(diamond).into_iter().enumerate() {
                 let has_arrived = diamond == lattice.root()
-                    || parents[half].is_some_and(|parent| !self.is_blocked(parent));
+                    || parent.is_some_and(|parent| !self.is_blocked(parent));
                 if has_arrived {
                     let apex = lattice.apexes(diamond)[half];
                     let corners = [(0, 0), (cells, 0), (0, cells)].map(|(p, q)| {
