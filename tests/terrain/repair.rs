@@ -170,6 +170,7 @@ fn check_samples(case: &Case) -> Result<(), TestCaseError> {
     let (found, coarse) = read(&case.repaired, levels, window);
     prop_assert_eq!(coarse.count(), case.report.coarse_samples);
     let (triangles, unit) = (case.coarse_triangles(), case.repaired.units().scale);
+    let expected_at = |index: i64| expected[index as usize];
     for (index, (&found, &expected)) in found.iter().zip(&expected).enumerate() {
         let at = [
             index as i64 % i64::from(window.width),
@@ -189,7 +190,16 @@ fn check_samples(case: &Case) -> Result<(), TestCaseError> {
         let around = triangles.iter().filter(|(corners, _)| covers(*corners, at));
         let bound = around.map(|(_, error)| *error).fold(f64::NAN, f64::min);
         prop_assert!(!bound.is_nan(), "no triangle at {:?}", at);
-        if !is_same(found, expected) && bound.is_finite() {
+        if found.is_nan() && bound.is_finite() {
+            // A valid sample without a triangle of the leaf level is no ground.
+            let (columns, rows) = (at[0] - 1..=at[0] + 1, at[1] - 1..=at[1] + 1);
+            let near = rows.flat_map(|row| columns.clone().map(move |column| [column, row]));
+            let mut near = near.filter(|&at| case.lattice().in_raster(at));
+            let is_void = |[column, row]: [i64; 2]| {
+                expected_at(column + row * i64::from(window.width)).is_nan()
+            };
+            prop_assert!(near.any(is_void), "no ground at {:?}", at);
+        } else if !is_same(found, expected) && bound.is_finite() {
             let limit = (bound + 0.5) * unit + 1e-6 * expected.abs();
             let distance = (found - expected).abs();
             prop_assert!(
