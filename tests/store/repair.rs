@@ -1,8 +1,9 @@
 //! What a repair leaves: sound blocks to the byte, nothing in place of the others, and no trust that was not earned.
 
+use std::io;
 use std::path::Path;
 
-use kimberlite::store::{Kept, MemorySink, Repaired, Store};
+use kimberlite::store::{Kept, MemorySink, Repaired, Sink, Store};
 use kimberlite::{Error, Result};
 use proptest::prelude::*;
 
@@ -211,6 +212,65 @@ fn what_opening_needs_is_said_to_be_repaired() {
     let [_, blocks, _] = sections(&good);
     let error = repaired(&good[..blocks - 1]).unwrap_err().to_string();
     assert!(error.contains("truncated"), "{error}");
+}
+
+/// A sink whose Nth call fails.
+struct Failing {
+    calls: usize,
+    sink: MemorySink,
+}
+
+impl Failing {
+    fn call(&mut self) -> io::Result<()> {
+        self.calls = self
+            .calls
+            .checked_sub(1)
+            .ok_or(io::ErrorKind::StorageFull)?;
+        Ok(())
+    }
+}
+
+impl Sink for Failing {
+    fn write_at(&mut self, offset: u64, bytes: &[u8]) -> io::Result<usize> {
+        self.call()?;
+        self.sink.write_at(offset, bytes)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.call()
+    }
+
+    fn publish(mut self: Box<Self>) -> io::Result<()> {
+        self.call()?;
+        Box::new(self.sink).publish()
+    }
+}
+
+#[test]
+fn a_failure_at_the_nth_call_of_a_repair_leaves_a_file() {
+    let mut bytes = Content::small(200).bytes();
+    *bytes.last_mut().unwrap() ^= 1;
+    let expected = repaired(&bytes).unwrap().0;
+    let store = open(&bytes);
+    for calls in 0.. {
+        let sink = MemorySink::default();
+        let failing = Box::new(Failing {
+            calls,
+            sink: sink.clone(),
+        });
+        let recode = &mut |kept: Kept| Ok(kept.codes.unwrap_or(LOST));
+        let done = store.repair(Path::new("out"), failing, false, recode);
+        match done {
+            Err(error) => {
+                assert!(matches!(error, Error::Io { .. }), "{error}");
+                assert!(sink.take().is_empty());
+            }
+            Ok(_) => {
+                assert!(calls > 3 && sink.take() == expected);
+                return;
+            }
+        }
+    }
 }
 
 #[test]
