@@ -580,7 +580,8 @@ typedef struct kmb_stats {
     uint64_t bytes;
     // Refinements begun after the deadline; always 0.
     uint64_t late_refinements;
-    // Largest error of a patch to draw, in pixels; may be infinite.
+    // Largest error of a patch to draw, in pixels; may be infinite. Above the tolerance while cut_short
+    // is 0: detail is missing or damaged there.
     double largest_error;
     // Time of the part whose cost does not depend on the budget, in microseconds.
     double fixed_microseconds;
@@ -1056,7 +1057,8 @@ kmb_status kmb_codec_raster_describe(const uint8_t *bytes,
 // May be called from any thread at any time.
 //
 // Returns KMB_OK; KMB_BUFFER_TOO_SMALL; KMB_INVALID_ARGUMENT (also where integers have voids and no
-// nodata value); KMB_INPUT (the bytes are no repository); KMB_DAMAGED; KMB_UNSUPPORTED_VERSION;
+// nodata value); KMB_INPUT (the bytes are no repository); KMB_DAMAGED (also where detail is missing
+// since a repair, so that the error cannot be kept); KMB_UNSUPPORTED_VERSION;
 // KMB_PANIC.
 kmb_status kmb_codec_decode_raster(const uint8_t *bytes,
                                    size_t size,

@@ -122,17 +122,16 @@ impl Query {
         }))
     }
 
-    /// Height at a place under which detail is missing: that of the triangle which the finest possible cut draws.
-    fn coarse_height(&mut self, at: [f64; 2]) -> Result<Option<Height>> {
+    /// The half of a diamond that the finest possible cut draws over a place, and the diamond's vertices, of which
+    /// those of this half are there.
+    fn drawn_half(&mut self, at: [f64; 2]) -> Result<(Diamond, usize, Matrix)> {
         let terrain = self.terrain.clone();
-        let lattice = terrain.lattice();
+        let (lattice, root) = (terrain.lattice(), terrain.root());
         let indices = |diamond: Diamond| matrix_indices(&lattice.placement(diamond), at);
-        let (mut diamond, mut half) = (lattice.root(), 0);
-        let [i, j] = indices(diamond);
-        if !CoarseHalf::new(lattice, diamond, half, terrain.root()).contains([i, j]) {
-            half = 1;
-        }
-        let mut vertices = terrain.root().clone();
+        let mut diamond = lattice.root();
+        let is_in_first = CoarseHalf::new(lattice, diamond, 0, root).contains(indices(diamond));
+        let mut half = usize::from(!is_in_first);
+        let mut above = None;
         while diamond.level() < lattice.levels() {
             let refined = match self.refined(diamond) {
                 Err(Error::Missing { .. }) => break,
@@ -141,16 +140,30 @@ impl Query {
             let Some(child) = child_around(lattice, diamond, indices(diamond)) else {
                 break;
             };
-            let parents = lattice.parents(child);
-            half = usize::from(parents[1] == Some(diamond));
-            let from =
-                |parent| (parent == Some(diamond)).then_some((&refined.vertices, &refined.centres));
-            vertices = child_vertices(lattice, child, parents.map(from));
+            half = usize::from(lattice.parents(child)[1] == Some(diamond));
+            above = Some((diamond, refined));
             diamond = child;
         }
+        let vertices = match &above {
+            Some((above, refined)) => {
+                let matrices = (&refined.vertices, &refined.centres);
+                let from = |parent| (parent == Some(*above)).then_some(matrices);
+                child_vertices(lattice, diamond, lattice.parents(diamond).map(from))
+            }
+            None => root.clone(),
+        };
+        Ok((diamond, half, vertices))
+    }
+
+    /// Height at a place under which detail is missing: that of the triangle which the finest possible cut draws.
+    fn coarse_height(&mut self, at: [f64; 2]) -> Result<Option<Height>> {
+        let (diamond, half, vertices) = self.drawn_half(at)?;
         self.cache.trim();
+        let terrain = &self.terrain;
+        let lattice = terrain.lattice();
         let surface = CoarseHalf::new(lattice, diamond, half, &vertices);
-        let Some(corners) = surface.corners(indices(diamond)) else {
+        let indices = matrix_indices(&lattice.placement(diamond), at);
+        let Some(corners) = surface.corners(indices) else {
             return Ok(None);
         };
         let weighted = |height: &dyn Fn(i32) -> f64| -> f64 {

@@ -84,6 +84,11 @@ impl Store {
         self.write_version
     }
 
+    /// Whether the file ends where its header says.
+    pub(super) fn ends_right(&self) -> bool {
+        self.bytes.length() == self.layout.file_length
+    }
+
     /// Where the sections lie.
     pub(super) fn layout(&self) -> &Layout {
         &self.layout

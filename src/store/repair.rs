@@ -91,7 +91,7 @@ impl Store {
         layout.file_length = layout.blocks.offset + base;
         layout.has_missing = repaired.missing_blocks > 0;
         repaired.bytes = layout.file_length;
-        if keep_sound && repaired.damaged_blocks == 0 {
+        if keep_sound && repaired.damaged_blocks == 0 && self.ends_right() {
             return Ok(repaired);
         }
         out.seek(layout.index.offset)?;

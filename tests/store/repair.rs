@@ -14,13 +14,17 @@ const LOST: [u8; 3] = [255, 0, 0];
 
 /// Repairs bytes as a file that may be cut off.
 fn repaired(bytes: &[u8]) -> Result<(Vec<u8>, Repaired)> {
+    repaired_or_kept(bytes, false)
+}
+
+fn repaired_or_kept(bytes: &[u8], keep_sound: bool) -> Result<(Vec<u8>, Repaired)> {
     let folder = Folder::new();
     std::fs::write(folder.file(), bytes).unwrap();
     let store = Store::open_damaged(&folder.file())?;
     let sink = MemorySink::default();
     let into = Box::new(sink.clone());
     let recode = &mut |kept: Kept| Ok(kept.codes.unwrap_or(LOST));
-    let done = store.repair(Path::new("out"), into, false, recode)?;
+    let done = store.repair(Path::new("out"), into, keep_sound, recode)?;
     Ok((sink.take(), done))
 }
 
@@ -179,11 +183,29 @@ fn a_page_in_the_place_of_another_is_believed() {
 }
 
 #[test]
-fn bytes_after_the_end_are_copied() {
+fn bytes_after_the_end_are_copied_or_kept() {
     let good = Content::small(20).bytes();
     let mut bytes = good.clone();
     bytes.extend([7; 99]);
-    assert!(repaired(&bytes).unwrap().0 == good);
+    for keep_sound in [false, true] {
+        assert!(repaired_or_kept(&bytes, keep_sound).unwrap().0 == good);
+    }
+    assert!(repaired_or_kept(&good, true).unwrap().0.is_empty());
+}
+
+#[test]
+fn an_erased_page_is_taken_for_empty_blocks() {
+    for count in [1, 8, 30, 64, 100] {
+        let content = Content::small(count);
+        let good = content.bytes();
+        let [index, blocks, _] = sections(&good);
+        for fill in [0, 0xFF] {
+            let mut bytes = good.clone();
+            bytes[index..blocks].fill(fill);
+            let (bytes, _) = repaired(&bytes).unwrap();
+            assert!(missing_of(&content, &bytes).iter().all(|missing| *missing));
+        }
+    }
 }
 
 #[test]
