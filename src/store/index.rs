@@ -105,8 +105,11 @@ impl<'a> Page<'a> {
     }
 
     /// Units of length of the blocks of a range of records.
+    #[inline]
     pub(super) fn length_units(&self, records: Range<usize>) -> u64 {
-        self.lengths(records).map(units).sum()
+        // A page has 64 records at most: 32 bits hold the sum, in vectors of twice as many as 64 bits.
+        let units: u32 = self.lengths(records).map(units).sum();
+        u64::from(units)
     }
 
     /// Whether the block of a record is missing.
@@ -145,11 +148,11 @@ impl<'a> Page<'a> {
 }
 
 /// Units that a block of a stored length takes.
-pub(super) fn units(length: u16) -> u64 {
+fn units(length: u16) -> u32 {
     if length == MISSING {
         0
     } else {
-        u64::from(length)
+        u32::from(length)
     }
 }
 
