@@ -42,7 +42,7 @@ static kmb_status print_window(const kmb_repository *repository, const kmb_repos
     uint32_t width = (info->width - 1) / step + 1, height = (info->height - 1) / step + 1;
     width = width < 4 ? width : 4;
     height = height < 4 ? height : 4;
-    kmb_status status = kmb_read_window(repository, level, 0, 0, width, height, samples, 16);
+    kmb_status status = kmb_read_window(repository, level, 0, 0, width, height, samples, 16, NULL);
     if (status != KMB_OK) return status;
     printf("level %u, every %u-th sample:\n", level, step);
     for (uint32_t row = 0; row < height; row++) {

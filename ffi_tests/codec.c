@@ -211,7 +211,7 @@ static void raster(const char *path, double max_error, uint32_t entropy)
     CHECK_STATUS(KMB_OK, kmb_repository_open(path, NULL, &repository));
     kmb_repository_info whole = {.struct_size = sizeof whole};
     CHECK_STATUS(KMB_OK, kmb_repository_describe(repository, &whole));
-    CHECK_STATUS(KMB_OK, kmb_read_window(repository, whole.levels, 0, 0, WIDTH, HEIGHT, window, WIDTH * HEIGHT));
+    CHECK_STATUS(KMB_OK, kmb_read_window(repository, whole.levels, 0, 0, WIDTH, HEIGHT, window, WIDTH * HEIGHT, NULL));
     CHECK(window[0] == back[0] && isnan(window[7]));
     kmb_repository_close(repository);
     for (int round = 0; round < 12; round++) {

@@ -43,7 +43,17 @@ static void structs(void)
     AT(kmb_repository_info, units, 232);
     AT(kmb_repository_info, metadata_count, 240);
     AT(kmb_repository_info, bands, 248);
-    AT(kmb_repository_info, reserved, 252);
+    AT(kmb_repository_info, missing_detail, 252);
+    SIZE(kmb_repair_report, 64);
+    AT(kmb_repair_report, struct_size, 0);
+    AT(kmb_repair_report, coarsest_level, 4);
+    AT(kmb_repair_report, damaged_blocks, 8);
+    AT(kmb_repair_report, lost_blocks, 16);
+    AT(kmb_repair_report, missing_blocks, 24);
+    AT(kmb_repair_report, blocked_blocks, 32);
+    AT(kmb_repair_report, coarse_samples, 40);
+    AT(kmb_repair_report, coarse_percent, 48);
+    AT(kmb_repair_report, bytes, 56);
     SIZE(kmb_height, 24);
     AT(kmb_height, struct_size, 0);
     AT(kmb_height, level, 4);

@@ -81,16 +81,16 @@ static void refuse_window(const kmb_repository *repository)
     double samples[4] = {-1, -1, -1, -1};
     kmb_repository_info info = {.struct_size = sizeof info};
     CHECK_STATUS(KMB_OK, kmb_repository_describe(repository, &info));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(NULL, 0, 0, 0, 1, 1, samples, 4));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, 0, 0, 0, 1, 1, NULL, 4));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, 0, 0, 3, 2, samples, 4));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, 0, 0, 0, 0, samples, 4));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, 1, 0, 0, 1, 1, samples, 4));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels + 2, 0, 0, 1, 1, samples, 4));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, WIDTH, 0, 1, 1, samples, 4));
-    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, UINT32_MAX, 0, 2, 1, samples, 4));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(NULL, 0, 0, 0, 1, 1, samples, 4, NULL));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, 0, 0, 0, 1, 1, NULL, 4, NULL));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, 0, 0, 3, 2, samples, 4, NULL));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, 0, 0, 0, 0, samples, 4, NULL));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, 1, 0, 0, 1, 1, samples, 4, NULL));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels + 2, 0, 0, 1, 1, samples, 4, NULL));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, WIDTH, 0, 1, 1, samples, 4, NULL));
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_read_window(repository, info.levels, UINT32_MAX, 0, 2, 1, samples, 4, NULL));
     CHECK_STATUS(KMB_INVALID_ARGUMENT,
-                 kmb_read_window(repository, info.levels, 0, 0, UINT32_MAX, UINT32_MAX, samples, SIZE_MAX));
+                 kmb_read_window(repository, info.levels, 0, 0, UINT32_MAX, UINT32_MAX, samples, SIZE_MAX, NULL));
     CHECK(samples[0] == -1 && samples[3] == -1);
 }
 

@@ -101,12 +101,12 @@ static void samples(const kmb_repository *repository)
     for (int32_t level = (int32_t)info.levels; level >= 0; level -= 2, step *= 2) {
         uint32_t width = (WIDTH - 1) / step + 1, height = (HEIGHT - 1) / step + 1;
         CHECK_STATUS(KMB_OK,
-                     kmb_read_window(repository, (uint32_t)level, 0, 0, width, height, window, WIDTH * HEIGHT));
+                     kmb_read_window(repository, (uint32_t)level, 0, 0, width, height, window, WIDTH * HEIGHT, NULL));
         for (uint32_t row = 0; row < height; row++)
             for (uint32_t column = 0; column < width; column++)
                 CHECK(window[row * width + column] == rough_ground(column * step, row * step));
     }
-    CHECK_STATUS(KMB_OK, kmb_read_window(repository, info.levels, 123, 45, 67, 8, window, 67 * 8));
+    CHECK_STATUS(KMB_OK, kmb_read_window(repository, info.levels, 123, 45, 67, 8, window, 67 * 8, NULL));
     CHECK(window[0] == rough_ground(123, 45) && window[67 * 8 - 1] == rough_ground(189, 52));
 }
 
@@ -167,7 +167,7 @@ static void voids(const char *path)
     CHECK_STATUS(KMB_OK, kmb_repository_open(path, NULL, &repository));
     CHECK_STATUS(KMB_OK, kmb_repository_describe(repository, &info));
     CHECK(info.void_samples == 2 && info.max_error_bound == 3 && info.lossless == 0);
-    CHECK_STATUS(KMB_OK, kmb_read_window(repository, info.levels, 70, 50, 2, 2, window, 4));
+    CHECK_STATUS(KMB_OK, kmb_read_window(repository, info.levels, 70, 50, 2, 2, window, 4, NULL));
     CHECK(isnan(window[0]) && isnan(window[3]) && fabs(window[1] - rough_ground(71, 50)) <= 3);
     CHECK_STATUS(KMB_OK, kmb_query_create(repository, KMB_UNLIMITED, &query));
     CHECK_STATUS(KMB_OUTSIDE, kmb_height_at(query, 1700, 4500, &height));

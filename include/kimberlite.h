@@ -272,8 +272,9 @@ typedef struct kmb_repository_info {
     uint64_t metadata_count;
     // Numbers of a sample: 1 for heights, 3 for colours (red, green, blue).
     uint32_t bands;
-    // 0.
-    uint32_t reserved;
+    // 1 where detail is missing since a repair, else 0. Errors of the samples there are larger than
+    // those above.
+    uint32_t missing_detail;
 } kmb_repository_info;
 
 // Opens the repository of heights or of colours at `path` (bytes as the system has them; UTF-8 on Windows) and
@@ -368,7 +369,8 @@ typedef struct kmb_height {
     uint32_t level;
     // Physical height: value_scale * sample + value_offset.
     double height;
-    // The input's own surface is not farther from it than this, in physical units.
+    // The input's own surface is not farther from it than this, in physical units; infinite where
+    // detail is missing that may have had a void.
     double error_bound;
 } kmb_height;
 
@@ -388,6 +390,8 @@ kmb_status kmb_query_create(const kmb_repository *repository,
 void kmb_query_destroy(struct kmb_query *query);
 
 // Gives the height of the finest surface at world x and y. The caller sets height->struct_size.
+// Where detail is missing since a repair, it is that of the coarser surface that remains:
+// height->level is then below the finest one, and the error bound that of this surface.
 //
 // Exclusive: no other call may use the query at the same time.
 //
@@ -413,6 +417,9 @@ kmb_status kmb_height_at_crs(struct kmb_query *query,
 // every 2^(K - k)-th column and row of the raster, where 2K is the finest level; `column` and
 // `row` count those.
 //
+// Where detail is missing since a repair, samples are those of the coarser surface that remains;
+// `coarse_samples`, which may be NULL, is their count.
+//
 // May be called with the same repository from several threads at once.
 //
 // Returns KMB_OK; KMB_INVALID_ARGUMENT (also for an odd or too fine level, a rectangle that is
@@ -424,7 +431,8 @@ kmb_status kmb_read_window(const kmb_repository *repository,
                            uint32_t width,
                            uint32_t height,
                            double *samples,
-                           size_t capacity);
+                           size_t capacity,
+                           uint64_t *coarse_samples);
 
 /* ================================================================================================
  * Patches: what is drawn
@@ -572,7 +580,8 @@ typedef struct kmb_stats {
     uint64_t bytes;
     // Refinements begun after the deadline; always 0.
     uint64_t late_refinements;
-    // Largest error of a patch to draw, in pixels; may be infinite.
+    // Largest error of a patch to draw, in pixels; may be infinite. Above the tolerance while cut_short
+    // is 0: detail is missing or damaged there.
     double largest_error;
     // Time of the part whose cost does not depend on the budget, in microseconds.
     double fixed_microseconds;
@@ -880,6 +889,51 @@ kmb_status kmb_builder_write(struct kmb_builder *builder,
                              struct kmb_build_report *report);
 
 /* ================================================================================================
+ * Repairs: what is left of a damaged repository
+ * ================================================================================================ */
+
+// What a repair found and left.
+typedef struct kmb_repair_report {
+    // sizeof(kmb_repair_report).
+    uint32_t struct_size;
+    // The coarsest level of a diamond whose detail is missing; the finest level of all where none
+    // is.
+    uint32_t coarsest_level;
+    // Blocks that were damaged, or whose place was not known any more.
+    uint64_t damaged_blocks;
+    // Those of them that are now missing; the others could be restored.
+    uint64_t lost_blocks;
+    // All blocks that are missing now, those of earlier repairs too.
+    uint64_t missing_blocks;
+    // Diamonds that cannot be refined any more: those, and all that descend from them.
+    uint64_t blocked_blocks;
+    // Samples that lie inside one of them.
+    uint64_t coarse_samples;
+    // The same in percent of all samples.
+    double coarse_percent;
+    // Bytes of the repaired file.
+    uint64_t bytes;
+} kmb_repair_report;
+
+// Writes what is sound of the repository at `repository_path` to `output_path`, and marks the rest
+// as missing: cuts, queries and windows give coarser ground there, never wrong ground. `output_path`
+// may be NULL: the repaired file then takes the place of the damaged one. It appears under its name
+// only when it is whole; handles that have the old file open go on with that. A file without damage
+// is copied as it is. `progress` may be NULL; so may `report`, otherwise the caller sets
+// report->struct_size.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK; KMB_INVALID_ARGUMENT; KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED (the header,
+// the metadata, the roots or the tables are damaged, without which nothing can be repaired);
+// KMB_UNSUPPORTED_VERSION (also for a file that a later version wrote); KMB_CANCELLED; KMB_PANIC.
+kmb_status kmb_repository_repair(const char *repository_path,
+                                 const char *output_path,
+                                 kmb_progress_callback progress,
+                                 void *progress_user,
+                                 struct kmb_repair_report *report);
+
+/* ================================================================================================
  * Rasters: samples to the bytes of a repository in memory, and back
  * ================================================================================================ */
 
@@ -1004,7 +1058,8 @@ kmb_status kmb_codec_raster_describe(const uint8_t *bytes,
 // May be called from any thread at any time.
 //
 // Returns KMB_OK; KMB_BUFFER_TOO_SMALL; KMB_INVALID_ARGUMENT (also where integers have voids and no
-// nodata value); KMB_INPUT (the bytes are no repository); KMB_DAMAGED; KMB_UNSUPPORTED_VERSION;
+// nodata value); KMB_INPUT (the bytes are no repository); KMB_DAMAGED (also where detail is missing
+// since a repair, so that the error cannot be kept); KMB_UNSUPPORTED_VERSION;
 // KMB_PANIC.
 kmb_status kmb_codec_decode_raster(const uint8_t *bytes,
                                    size_t size,

@@ -81,9 +81,12 @@ public:
         return info;
     }
 
-    void read_window(std::uint32_t level, std::uint32_t column, std::uint32_t row, std::uint32_t width,
-                     std::uint32_t height, double *samples, std::size_t capacity) const {
-        check(kmb_read_window(get(), level, column, row, width, height, samples, capacity));
+    /* Gives the count of samples whose detail is missing. */
+    std::uint64_t read_window(std::uint32_t level, std::uint32_t column, std::uint32_t row, std::uint32_t width,
+                              std::uint32_t height, double *samples, std::size_t capacity) const {
+        std::uint64_t coarse_samples = 0;
+        check(kmb_read_window(get(), level, column, row, width, height, samples, capacity, &coarse_samples));
+        return coarse_samples;
     }
 
 private:

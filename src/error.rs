@@ -31,6 +31,14 @@ pub enum Error {
         /// What is wrong, and where.
         message: String,
     },
+    /// A block is missing since a repair: what it refined stays coarse.
+    #[error("{}: missing: {message}", path.display())]
+    Missing {
+        /// The repository.
+        path: PathBuf,
+        /// Which block.
+        message: String,
+    },
     /// A repository was written by a version that this one cannot read.
     #[error("{}: {message}", path.display())]
     Version {

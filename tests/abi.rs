@@ -13,6 +13,7 @@ use kimberlite::ffi::cut::{
 use kimberlite::ffi::patch::kmb_patch_info;
 use kimberlite::ffi::query::{KMB_UNLIMITED, kmb_height};
 use kimberlite::ffi::raster::{kmb_raster_info, kmb_raster_options};
+use kimberlite::ffi::repair::kmb_repair_report;
 use kimberlite::ffi::repository::{
     kmb_access, kmb_kind, kmb_open_options, kmb_registration, kmb_repository_info, kmb_sample_type,
 };
@@ -34,7 +35,11 @@ fn structs_lie_as_c_programs_were_compiled() {
         rms_error 72, lossless 80, sample_type 84, sample_min 88, sample_max 96, value_scale 104,
         value_offset 112, nodata 120, has_nodata 128, georeferenced 132, geographic 136,
         registration 140, geotransform 144, world_origin 192, world_step 208, crs 224, units 232,
-        metadata_count 240, bands 248, reserved 252
+        metadata_count 240, bands 248, missing_detail 252
+    );
+    layout!(
+        kmb_repair_report, 64, struct_size 0, coarsest_level 4, damaged_blocks 8, lost_blocks 16,
+        missing_blocks 24, blocked_blocks 32, coarse_samples 40, coarse_percent 48, bytes 56
     );
     layout!(kmb_height, 24, struct_size 0, level 4, height 8, error_bound 16);
     layout!(

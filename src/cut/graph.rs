@@ -2,7 +2,7 @@
 
 use super::DiamondSource;
 use super::changes::ChangeLog;
-use super::node::{Bounds, Node};
+use super::node::{Node, Outlook};
 use super::patch::{Patch, PatchMaker, VertexForm};
 use super::projection::Projection;
 use super::slopes::{Diagonals, Heights, Slope, root_slopes};
@@ -55,13 +55,12 @@ impl Graph {
     pub fn new(source: Arc<dyn DiamondSource>, form: VertexForm) -> Result<Graph> {
         let lattice = source.lattice();
         let (cells, root) = (lattice.cells(), lattice.root());
-        let bounds = if lattice.levels() == 0 {
-            Bounds::new(&*source, 0.0, source.range())
+        let outlook = if lattice.levels() == 0 {
+            Outlook::of_leaf(&*source, source.range())
         } else {
-            let summary = source.summary(root, source.range())?;
-            Bounds::new(&*source, summary.error, summary.range)
+            Outlook::of(&*source, source.summary(root, source.range())?)
         };
-        let mut node = Node::new(&*source, root, bounds);
+        let mut node = Node::new(&*source, root, outlook);
         node.vertices = source.root().clone();
         let (frame, [_, unit]) = (source.frame(), source.height_to_world());
         let step = [
@@ -140,6 +139,7 @@ impl Graph {
     /// Whether the node's own data let it be refined.
     pub fn is_refinable(&self, node: &Node) -> bool {
         !node.refined
+            && !node.is_missing
             && node.level < self.source.lattice().levels()
             && (self.failed.is_empty() || !self.failed.contains(&node.diamond))
     }
@@ -265,17 +265,17 @@ impl Graph {
         let lattice = source.lattice();
         let refined = source.refine(node.diamond, &node.vertices)?;
         let children = lattice.children(node.diamond);
-        let mut bounds = [None; 4];
-        for (bounds, child) in bounds.iter_mut().zip(children) {
+        let mut outlooks = [None; 4];
+        for (outlook, child) in outlooks.iter_mut().zip(children) {
             if let Some(child) = child.filter(|child| !self.places.contains_key(child)) {
-                *bounds = Some(self.child_bounds(child, node)?);
+                *outlook = Some(self.child_outlook(child, node)?);
             }
         }
         self.find_slopes(node, &refined);
-        for (bounds, child) in bounds.into_iter().zip(children) {
+        for (outlook, child) in outlooks.into_iter().zip(children) {
             let Some(child) = child else { continue };
-            if let Some(bounds) = bounds {
-                self.insert(Node::new(&*source, child, bounds));
+            if let Some(outlook) = outlook {
+                self.insert(Node::new(&*source, child, outlook));
             }
             let Some(half) = half_from(lattice, child, node.diamond) else {
                 continue;
@@ -293,8 +293,8 @@ impl Graph {
         Ok(())
     }
 
-    /// Bounds of a diamond that becomes a node. `parent` is the node that is being refined.
-    fn child_bounds(&self, child: Diamond, parent: &Node) -> Result<Bounds> {
+    /// What a diamond becomes a node with. `parent` is the node that is being refined.
+    fn child_outlook(&self, child: Diamond, parent: &Node) -> Result<Outlook> {
         let lattice = self.source.lattice();
         let ranges = lattice.parents(child).map(|diamond| {
             let diamond = diamond?;
@@ -312,10 +312,12 @@ impl Graph {
         };
         if child.level() == lattice.levels() {
             let hull = [first[0].min(second[0]), first[1].max(second[1])];
-            return Ok(Bounds::new(&*self.source, 0.0, hull));
+            return Ok(Outlook::of_leaf(&*self.source, hull));
         }
-        let summary = self.source.summary(child, first)?;
-        Ok(Bounds::new(&*self.source, summary.error, summary.range))
+        Ok(Outlook::of(
+            &*self.source,
+            self.source.summary(child, first)?,
+        ))
     }
 
     /// Slopes of a node's vertices and centres on the next level into the scratch space.

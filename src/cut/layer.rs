@@ -36,6 +36,11 @@ impl Layer {
         Layer::of_store(Store::of_bytes(name, bytes)?)
     }
 
+    /// As [`open`](Layer::open), also a file that was cut off behind its index ([`Store::open_damaged`]).
+    pub fn open_damaged(path: &Path) -> Result<Layer> {
+        Layer::of_store(Store::open_damaged(path)?)
+    }
+
     fn of_store(store: Store) -> Result<Layer> {
         let (path, header) = (store.path(), store.header());
         require_known(path, header)?;
@@ -139,6 +144,7 @@ impl Layer {
         Ok(Summary {
             error: ErrorCode(record.error_code).value(),
             range: range.range(parent_range),
+            is_missing: record.is_missing,
         })
     }
 
@@ -146,7 +152,7 @@ impl Layer {
     ///
     /// # Errors
     ///
-    /// Whatever keeps the block from being read or decoded.
+    /// [`Error::Missing`] where the block was lost in a repair, else whatever keeps it from being read or decoded.
     pub fn refine(&self, diamond: Diamond, vertices: &Matrix) -> Result<Refined> {
         let mut scratch = Vec::new();
         let block = self.store.block(self.lattice.rank(diamond), &mut scratch)?;

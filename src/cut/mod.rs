@@ -1,6 +1,7 @@
 //! Floor 3: from views to patches within a budget, and queries without any view. Knows no builder.
 
 mod changes;
+mod coarse;
 mod graph;
 mod layer;
 mod node;
@@ -22,4 +23,4 @@ pub use source::{DiamondSource, Summary};
 pub use terrain::Terrain;
 pub use update::{Cut, CutOptions, Stats};
 pub use view::View;
-pub use window::{Window, level_size, level_step, read_window};
+pub use window::{Coarse, Window, level_size, level_step, read_window};

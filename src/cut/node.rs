@@ -1,9 +1,9 @@
 //! One diamond that a cut holds.
 
-use super::DiamondSource;
 use super::patch::Patch;
 use super::projection::Projection;
 use super::slopes::Slope;
+use super::{DiamondSource, Summary};
 use crate::codec::Matrix;
 use crate::lattice::{Apex, Diamond, Lattice, Placement};
 use std::sync::Arc;
@@ -17,6 +17,8 @@ pub(super) struct Node {
     pub vertices: Matrix,
     pub slopes: Box<[Slope]>,
     pub bounds: Bounds,
+    /// Its detail is missing, so that it is never refined.
+    pub is_missing: bool,
     pub halves: [Half; 2],
     pub refined: bool,
     pub refined_children: u8,
@@ -37,6 +39,31 @@ pub(super) struct Bounds {
     pub range: [i32; 2],
     /// World z, low to high.
     pub z: [f64; 2],
+}
+
+/// What a node is made with.
+#[derive(Clone, Copy)]
+pub(super) struct Outlook {
+    pub bounds: Bounds,
+    pub is_missing: bool,
+}
+
+impl Outlook {
+    /// Of a refinable diamond.
+    pub fn of(source: &dyn DiamondSource, summary: Summary) -> Outlook {
+        Outlook {
+            bounds: Bounds::new(source, summary.error, summary.range),
+            is_missing: summary.is_missing,
+        }
+    }
+
+    /// Of a diamond of the leaf level, whose heights lie in `range`.
+    pub fn of_leaf(source: &dyn DiamondSource, range: [i32; 2]) -> Outlook {
+        Outlook {
+            bounds: Bounds::new(source, 0.0, range),
+            is_missing: false,
+        }
+    }
 }
 
 /// One half of a diamond.
@@ -73,7 +100,8 @@ impl Bounds {
 
 impl Node {
     /// A node without any heights yet.
-    pub fn new(source: &dyn DiamondSource, diamond: Diamond, bounds: Bounds) -> Node {
+    pub fn new(source: &dyn DiamondSource, diamond: Diamond, outlook: Outlook) -> Node {
+        let bounds = outlook.bounds;
         let lattice = source.lattice();
         let (cells, placement) = (lattice.cells(), lattice.placement(diamond));
         let entries = (cells + 1) * (cells + 1);
@@ -105,6 +133,7 @@ impl Node {
             },
             slopes: vec![[0.0; 2]; entries].into(),
             bounds,
+            is_missing: outlook.is_missing,
             halves: [half(0), half(1)],
             refined: false,
             refined_children: 0,

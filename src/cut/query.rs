@@ -1,10 +1,11 @@
 //! Heights at points, without any view.
 
+use super::coarse::{self, CoarseHalf, matrix_indices};
 use super::source::DiamondSource;
 use super::terrain::Terrain;
-use crate::Result;
 use crate::codec::{Matrix, child_vertices};
-use crate::lattice::{Diamond, Site};
+use crate::lattice::{Diamond, Lattice, Site};
+use crate::{Error, Result};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
@@ -12,14 +13,16 @@ use std::sync::Arc;
 /// rounding errors.
 const EDGE_TOLERANCE: f64 = 1e-6;
 
-/// A height of the finest surface.
+/// A height of the finest surface that there is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Height {
     /// Physical height: `value_scale` x sample + `value_offset`.
     pub height: f64,
-    /// Largest difference from the input's surface over the same triangles, in the unit of `height`.
+    /// Largest difference from the input's surface over the leaf level's triangles, in the unit of `height`;
+    /// infinite where detail is missing and a void may have been.
     pub error_bound: f64,
-    /// The level it was read at.
+    /// The level it was read at: the leaf level, but where detail is missing that of the diamond which cannot be
+    /// refined.
     pub level: u32,
 }
 
@@ -81,7 +84,15 @@ impl Query {
         if beside(column, last[0]) || beside(row, last[1]) {
             return Ok(None);
         }
-        let (column, row) = (column.clamp(0.0, last[0]), row.clamp(0.0, last[1]));
+        let at = [column.clamp(0.0, last[0]), row.clamp(0.0, last[1])];
+        match self.finest_height(at, last) {
+            Err(Error::Missing { .. }) => self.coarse_height(at),
+            height => height,
+        }
+    }
+
+    /// Height of the leaf level at a place in the raster, whose last column and row are `last`.
+    fn finest_height(&mut self, [column, row]: [f64; 2], last: [f64; 2]) -> Result<Option<Height>> {
         // The cell, its last column and row being closed.
         let cell = [
             column.min(last[0] - 1.0).floor(),
@@ -89,9 +100,9 @@ impl Query {
         ];
         let (a, b) = (column - cell[0], row - cell[1]);
         let [x, y] = cell.map(|index| index as i64);
-        let shift = lattice.cells_log2();
+        let shift = self.terrain.lattice().cells_log2();
         let main = ((x >> shift) + (y >> shift)) % 2 == 0;
-        let corners = leaf_triangle(main, a, b);
+        let corners = coarse::triangle(main, coarse::is_in_first(main, a, b), a, b);
         let mut sample = 0.0;
         for (corner, weight) in corners {
             let at = [x + corner[0], y + corner[1]];
@@ -108,6 +119,71 @@ impl Query {
             height: info.value_offset + info.value_scale * sample,
             error_bound: terrain.header().max_error * info.value_scale.abs(),
             level: terrain.lattice().levels(),
+        }))
+    }
+
+    /// The half of a diamond that the finest possible cut draws over a place, and the diamond's vertices, of which
+    /// those of this half are there.
+    fn drawn_half(&mut self, at: [f64; 2]) -> Result<(Diamond, usize, Matrix)> {
+        let terrain = self.terrain.clone();
+        let (lattice, root) = (terrain.lattice(), terrain.root());
+        let indices = |diamond: Diamond| matrix_indices(&lattice.placement(diamond), at);
+        let mut diamond = lattice.root();
+        let is_in_first = CoarseHalf::new(lattice, diamond, 0, root).contains(indices(diamond));
+        let mut half = usize::from(!is_in_first);
+        let mut above = None;
+        while diamond.level() < lattice.levels() {
+            let refined = match self.refined(diamond) {
+                Err(Error::Missing { .. }) => break,
+                refined => refined?,
+            };
+            let Some(child) = child_around(lattice, diamond, indices(diamond)) else {
+                break;
+            };
+            half = usize::from(lattice.parents(child)[1] == Some(diamond));
+            above = Some((diamond, refined));
+            diamond = child;
+        }
+        let vertices = match &above {
+            Some((above, refined)) => {
+                let matrices = (&refined.vertices, &refined.centres);
+                let from = |parent| (parent == Some(*above)).then_some(matrices);
+                child_vertices(lattice, diamond, lattice.parents(diamond).map(from))
+            }
+            None => root.clone(),
+        };
+        Ok((diamond, half, vertices))
+    }
+
+    /// Height at a place under which detail is missing: that of the triangle which the finest possible cut draws.
+    fn coarse_height(&mut self, at: [f64; 2]) -> Result<Option<Height>> {
+        let (diamond, half, vertices) = self.drawn_half(at)?;
+        self.cache.trim();
+        let terrain = &self.terrain;
+        let lattice = terrain.lattice();
+        let surface = CoarseHalf::new(lattice, diamond, half, &vertices);
+        let indices = matrix_indices(&lattice.placement(diamond), at);
+        let Some(corners) = surface.corners(indices) else {
+            return Ok(None);
+        };
+        let weighted = |height: &dyn Fn(i32) -> f64| -> f64 {
+            let each = corners.map(|(index, weight)| weight * height(vertices.values[index]));
+            each.iter().sum()
+        };
+        let (info, units) = (terrain.raster_info(), terrain.units());
+        let mut bound = terrain.header().max_error;
+        let sample = if diamond.level() == lattice.levels() {
+            // On the edge of what is missing, the other side being there.
+            weighted(&|unit| units.to_sample(unit))
+        } else {
+            bound += terrain.summary(diamond, terrain.range())?.error * units.scale;
+            let [low, high] = units.sample_range;
+            (weighted(&f64::from) * units.scale + units.offset).clamp(low, high)
+        };
+        Ok(Some(Height {
+            height: info.value_offset + info.value_scale * sample,
+            error_bound: bound * info.value_scale.abs(),
+            level: diamond.level(),
         }))
     }
 
@@ -161,15 +237,17 @@ impl Query {
     }
 }
 
-/// Corners (offsets in samples) of the leaf triangle over (a, b) of a unit cell, with their barycentric
-/// weights. `main` cells are split from (0, 0) to (1, 1).
-fn leaf_triangle(main: bool, a: f64, b: f64) -> [([i64; 2], f64); 3] {
-    match (main, if main { a >= b } else { a + b <= 1.0 }) {
-        (true, true) => [([0, 0], 1.0 - a), ([1, 0], a - b), ([1, 1], b)],
-        (true, false) => [([0, 0], 1.0 - b), ([0, 1], b - a), ([1, 1], a)],
-        (false, true) => [([0, 0], 1.0 - a - b), ([1, 0], a), ([0, 1], b)],
-        (false, false) => [([1, 1], a + b - 1.0), ([0, 1], 1.0 - a), ([1, 0], 1.0 - b)],
-    }
+/// The existing child over the quarter of a diamond that has these matrix indices.
+fn child_around(lattice: &Lattice, diamond: Diamond, [i, j]: [f64; 2]) -> Option<Diamond> {
+    let middle = lattice.cells() as f64 / 2.0;
+    let (x, y) = (i - middle, j - middle);
+    // How far towards the edge of each child.
+    let towards = [-y, x, y, -x];
+    let children = lattice.children(diamond).into_iter().zip(towards);
+    children
+        .filter_map(|(child, towards)| Some((child?, towards)))
+        .max_by(|(_, a), (_, b)| a.total_cmp(b))
+        .map(|(child, _)| child)
 }
 
 /// A diamond's heights on the next level.

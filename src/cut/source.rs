@@ -13,6 +13,8 @@ pub struct Summary {
     pub error: f64,
     /// Least and greatest height, in units, of all that is drawn for it and its descendants.
     pub range: [i32; 2],
+    /// Its detail is missing: it cannot be refined.
+    pub is_missing: bool,
 }
 
 /// Decoded diamonds of one layer of heights. A repository is one; tests make others.
@@ -40,6 +42,7 @@ pub trait DiamondSource: Send + Sync {
     ///
     /// # Errors
     ///
-    /// Whatever keeps the block from being read or decoded; the diamond then stays as it is.
+    /// [`Error::Missing`](crate::Error::Missing) where the detail is missing, else whatever keeps the block from
+    /// being read or decoded; the diamond then stays as it is.
     fn refine(&self, diamond: Diamond, vertices: &Matrix) -> Result<Refined>;
 }

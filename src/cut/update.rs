@@ -48,7 +48,8 @@ pub struct Stats {
     pub removed: u64,
     /// Bytes held in heights, slopes and patches.
     pub bytes: u64,
-    /// Largest projected error of the patches to draw, in pixels; may be infinite.
+    /// Largest projected error of the patches to draw, in pixels; may be infinite. Above the tolerance where
+    /// nothing was cut short: detail is missing, or could not be read.
     pub largest_error: f64,
     /// Time for judging the present cut and listing what is drawn, whatever else is done.
     pub fixed_microseconds: f64,

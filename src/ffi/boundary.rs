@@ -37,7 +37,7 @@ impl From<Error> for Failure {
         let status = match error {
             Error::Io { .. } => kmb_status::KMB_IO,
             Error::Input { .. } => kmb_status::KMB_INPUT,
-            Error::Damaged { .. } => kmb_status::KMB_DAMAGED,
+            Error::Damaged { .. } | Error::Missing { .. } => kmb_status::KMB_DAMAGED,
             Error::Version { .. } => kmb_status::KMB_UNSUPPORTED_VERSION,
             Error::Argument(_) => kmb_status::KMB_INVALID_ARGUMENT,
             Error::Cancelled => kmb_status::KMB_CANCELLED,

@@ -96,7 +96,8 @@ pub struct kmb_stats {
     pub bytes: u64,
     /// Refinements begun after the deadline; always 0.
     pub late_refinements: u64,
-    /// Largest error of a patch to draw, in pixels; may be infinite.
+    /// Largest error of a patch to draw, in pixels; may be infinite. Above the tolerance while cut_short
+    /// is 0: detail is missing or damaged there.
     pub largest_error: f64,
     /// Time of the part whose cost does not depend on the budget, in microseconds.
     pub fixed_microseconds: f64,

@@ -12,6 +12,7 @@
 //! | `patch.rs` | patches of a cut |
 //! | `query.rs` | heights and windows of samples, without any view |
 //! | `builder.rs` | building repositories from rows |
+//! | `repair.rs` | what is left of a damaged repository |
 //! | `raster.rs` | whole rasters as bytes in memory |
 //! | `codec.rs` | one diamond as bytes |
 
@@ -27,5 +28,6 @@ pub mod cut;
 pub mod patch;
 pub mod query;
 pub mod raster;
+pub mod repair;
 pub mod repository;
 pub mod status;

@@ -22,7 +22,8 @@ pub struct kmb_height {
     pub level: u32,
     /// Physical height: value_scale * sample + value_offset.
     pub height: f64,
-    /// The input's own surface is not farther from it than this, in physical units.
+    /// The input's own surface is not farther from it than this, in physical units; infinite where
+    /// detail is missing that may have had a void.
     pub error_bound: f64,
 }
 
@@ -84,6 +85,8 @@ pub unsafe extern "C" fn kmb_query_destroy(query: *mut kmb_query) {
 }
 
 /// Gives the height of the finest surface at world x and y. The caller sets height->struct_size.
+/// Where detail is missing since a repair, it is that of the coarser surface that remains:
+/// height->level is then below the finest one, and the error bound that of this surface.
 ///
 /// Exclusive: no other call may use the query at the same time.
 ///
@@ -158,6 +161,9 @@ fn told(height: Option<Height>, x: f64, y: f64) -> Result<kmb_height, Failure> {
 /// every 2^(K - k)-th column and row of the raster, where 2K is the finest level; `column` and
 /// `row` count those.
 ///
+/// Where detail is missing since a repair, samples are those of the coarser surface that remains;
+/// `coarse_samples`, which may be NULL, is their count.
+///
 /// May be called with the same repository from several threads at once.
 ///
 /// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for an odd or too fine level, a rectangle that is
@@ -172,6 +178,7 @@ pub unsafe extern "C" fn kmb_read_window(
     height: u32,
     samples: *mut f64,
     capacity: usize,
+    coarse_samples: *mut u64,
 ) -> kmb_status {
     boundary!(shared repository: kmb_repository, {
         let bands = u64::from(repository.layer.raster_info().bands);
@@ -184,8 +191,16 @@ pub unsafe extern "C" fn kmb_read_window(
         })?;
         // SAFETY: the caller passes pointers as the header asks.
         let samples = unsafe { output_array(samples, count, "samples") }?;
+        let out = match coarse_samples.is_null() {
+            true => None,
+            // SAFETY: as above.
+            false => Some(unsafe { output(coarse_samples, "coarse_samples") }?),
+        };
         let window = Window { column, row, width, height };
-        read_window(&repository.layer, level, window, samples)?;
+        let coarse = read_window(&repository.layer, level, window, samples)?;
+        if let Some(out) = out {
+            out.write(coarse.count());
+        }
         Ok(())
     })
 }

@@ -187,7 +187,8 @@ pub unsafe extern "C" fn kmb_codec_raster_describe(
 /// May be called from any thread at any time.
 ///
 /// Returns KMB_OK; KMB_BUFFER_TOO_SMALL; KMB_INVALID_ARGUMENT (also where integers have voids and no
-/// nodata value); KMB_INPUT (the bytes are no repository); KMB_DAMAGED; KMB_UNSUPPORTED_VERSION;
+/// nodata value); KMB_INPUT (the bytes are no repository); KMB_DAMAGED (also where detail is missing
+/// since a repair, so that the error cannot be kept); KMB_UNSUPPORTED_VERSION;
 /// KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_codec_decode_raster(

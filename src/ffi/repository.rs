@@ -147,8 +147,9 @@ pub struct kmb_repository_info {
     pub metadata_count: u64,
     /// Numbers of a sample: 1 for heights, 3 for colours (red, green, blue).
     pub bands: u32,
-    /// 0.
-    pub reserved: u32,
+    /// 1 where detail is missing since a repair, else 0. Errors of the samples there are larger than
+    /// those above.
+    pub missing_detail: u32,
 }
 
 // SAFETY: repr(C) with struct_size first, and integers only.
@@ -306,7 +307,7 @@ fn described(repository: &kmb_repository) -> kmb_repository_info {
         units: repository.units.as_ptr(),
         metadata_count: repository.metadata_keys.len() as u64,
         bands: u32::from(raster.bands),
-        reserved: 0,
+        missing_detail: u32::from(repository.layer.store().has_missing()),
     }
 }
 

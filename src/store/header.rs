@@ -30,6 +30,7 @@ const GEOGRAPHIC: u16 = 2;
 const HAS_NODATA: u16 = 4;
 const LOSSLESS: u16 = 8;
 const HAS_ALPHA: u16 = 16;
+const HAS_MISSING: u16 = 32;
 
 macro_rules! from_number {
     ($name:ident, $what:literal, $($variant:ident = $number:literal),+) => {
@@ -120,7 +121,7 @@ pub struct Header {
     pub levels: u8,
     /// Whether the decoded samples equal the input's.
     pub lossless: bool,
-    /// Bytes that a block's length is a multiple of: 1, or 4 where blocks may exceed 65535 bytes.
+    /// Bytes that a block's length is a multiple of: 1, or 4 where blocks may exceed 65534 bytes.
     pub block_length_unit: u8,
     /// The quantiser's bound e, in units; of colours what the bounds of the components follow from.
     pub bound_units: u32,
@@ -159,7 +160,7 @@ pub(super) struct Section {
     pub(super) length: u64,
 }
 
-/// Where the sections lie, with the checksums of the first three.
+/// Where the sections lie, with the checksums of the first three, and whether any block is missing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Layout {
     pub(super) metadata: Section,
@@ -169,6 +170,7 @@ pub(super) struct Layout {
     pub(super) blocks: Section,
     pub(super) checksums: [u32; 3],
     pub(super) file_length: u64,
+    pub(super) has_missing: bool,
 }
 
 impl Layout {
@@ -215,7 +217,7 @@ impl Layout {
                 "an index of {length} bytes cannot hold {count} blocks"
             ));
         }
-        let longest = u64::from(u16::MAX) * u64::from(header.block_length_unit);
+        let longest = u64::from(index::LONGEST_UNITS) * u64::from(header.block_length_unit);
         if self.blocks.length > count.saturating_mul(longest) {
             return Err(format!(
                 "{count} blocks cannot have {} bytes",
@@ -275,7 +277,8 @@ impl Header {
         ]);
         out.extend([self.cells_log2, self.levels]);
         out.extend([raster.sample_type as u8, raster.registration as u8]);
-        out.extend(self.flags().to_le_bytes());
+        let missing = if layout.has_missing { HAS_MISSING } else { 0 };
+        out.extend((self.flags() | missing).to_le_bytes());
         out.extend([self.block_length_unit, 0]);
         for number in [raster.width, raster.height, self.bound_units] {
             out.extend(number.to_le_bytes());
@@ -356,6 +359,11 @@ pub(super) fn read_version(bytes: &[u8]) -> std::result::Result<u16, String> {
     Fields(body.get(MAGIC.len()..).unwrap_or_default()).u16()
 }
 
+/// The write version of a header whose checksum is right.
+pub(super) fn write_version(bytes: &[u8]) -> std::result::Result<u16, String> {
+    Fields(bytes.get(MAGIC.len() + 2..).unwrap_or_default()).u16()
+}
+
 /// Reads a header of this read version whose checksum is right. The raster's metadata is still empty.
 pub(super) fn decode(bytes: &[u8]) -> std::result::Result<(Header, Layout), String> {
     let text = |error: Error| error.to_string();
@@ -416,7 +424,8 @@ pub(super) fn decode(bytes: &[u8]) -> std::result::Result<(Header, Layout), Stri
         block_count: fields.u64()?,
         raster,
     };
-    let layout = decode_layout(&mut fields)?;
+    let mut layout = decode_layout(&mut fields)?;
+    layout.has_missing = flags & HAS_MISSING != 0;
     header.check()?;
     layout.check(&header, bytes.len() as u64)?;
     Ok((header, layout))
@@ -441,5 +450,6 @@ fn decode_layout(fields: &mut Fields) -> std::result::Result<Layout, String> {
         blocks,
         checksums,
         file_length,
+        has_missing: false,
     })
 }

@@ -9,6 +9,10 @@ pub const BLOCKS_PER_GROUP: u64 = 8;
 
 /// Groups in a full page.
 pub(super) const GROUPS_PER_PAGE: usize = (BLOCKS_PER_PAGE / BLOCKS_PER_GROUP) as usize;
+/// Units of the longest block.
+pub(super) const LONGEST_UNITS: u16 = u16::MAX - 1;
+/// The length of a block that is missing. It takes no bytes.
+pub(super) const MISSING: u16 = u16::MAX;
 const GROUP: usize = BLOCKS_PER_GROUP as usize;
 const BASE_LENGTH: usize = 8;
 const CHECKSUM_LENGTH: usize = 4;
@@ -18,6 +22,8 @@ const CHECKSUM_LENGTH: usize = 4;
 pub struct Record {
     /// Bytes of the block, its padding included.
     pub length: u32,
+    /// The block is missing since a repair.
+    pub is_missing: bool,
     /// The stored error; its meaning is the codec's, as that of the other codes.
     pub error_code: u8,
     /// The lower end of the range of heights.
@@ -72,19 +78,43 @@ impl<'a> Page<'a> {
         crc32fast::hash(&self.bytes[..end]) == self.u32(end)
     }
 
+    /// The page with one bit turned so that its checksum is right, where there is such a bit. At this
+    /// length no two bits have the same effect on the checksum, so that there is one at most.
+    pub(super) fn with_one_bit_turned(&self) -> Option<Vec<u8>> {
+        let mut bytes = self.bytes.to_vec();
+        for bit in 0..8 * bytes.len() {
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            if Page::new(&bytes, self.records).is_sound() {
+                return Some(bytes);
+            }
+            bytes[bit / 8] ^= 1 << (bit % 8);
+        }
+        None
+    }
+
     /// Offset of the page's first block within the blocks section.
     pub(super) fn base(&self) -> u64 {
         u64::from(self.u32(0)) | u64::from(self.u32(4)) << 32
     }
 
-    /// Units of length of the blocks of a range of records.
-    pub(super) fn length_units(&self, records: Range<usize>) -> u64 {
+    /// The lengths of a range of records as they are stored.
+    pub(super) fn lengths(&self, records: Range<usize>) -> impl Iterator<Item = u16> {
         let lengths = &self.bytes[BASE_LENGTH + 2 * records.start..BASE_LENGTH + 2 * records.end];
-        let lengths = lengths.as_chunks::<2>().0;
-        lengths
-            .iter()
-            .map(|length| u64::from(u16::from_le_bytes(*length)))
-            .sum()
+        let lengths = lengths.as_chunks::<2>().0.iter();
+        lengths.map(|length| u16::from_le_bytes(*length))
+    }
+
+    /// Units of length of the blocks of a range of records.
+    #[inline]
+    pub(super) fn length_units(&self, records: Range<usize>) -> u64 {
+        // A page has 64 records at most: 32 bits hold the sum, in vectors of twice as many as 64 bits.
+        let units: u32 = self.lengths(records).map(units).sum();
+        u64::from(units)
+    }
+
+    /// Whether the block of a record is missing.
+    pub(super) fn is_missing(&self, record: usize) -> bool {
+        self.lengths(record..record + 1).eq([MISSING])
     }
 
     /// Error, low and high code of a record.
@@ -114,6 +144,15 @@ impl<'a> Page<'a> {
             .iter()
             .rev()
             .fold(0, |number, byte| number << 8 | u32::from(*byte))
+    }
+}
+
+/// Units that a block of a stored length takes.
+fn units(length: u16) -> u32 {
+    if length == MISSING {
+        0
+    } else {
+        u32::from(length)
     }
 }
 

@@ -12,6 +12,7 @@
 //! | `memory.rs` | a repository that is only bytes, to read and to write |
 //! | `reader.rs` | the reader |
 //! | `verify.rs` | the check of a whole repository |
+//! | `repair.rs` | a copy without what is damaged |
 //! | `sink.rs` | a file that comes under its name only when it is whole |
 //! | `writer.rs` | the writer |
 
@@ -24,6 +25,7 @@ mod memory;
 mod metadata;
 mod positioned;
 mod reader;
+mod repair;
 mod sink;
 mod verify;
 mod writer;
@@ -36,6 +38,7 @@ pub use header::{
 pub use index::{BLOCKS_PER_GROUP, BLOCKS_PER_PAGE, Record};
 pub use memory::MemorySink;
 pub use reader::Store;
+pub use repair::{Kept, Repaired};
 pub use sink::{FileSink, Sink};
 pub use verify::{Damage, DamagedPart, Verification};
 pub use writer::{Writer, file_length};

@@ -25,6 +25,7 @@ pub struct Store {
     path: PathBuf,
     bytes: Box<dyn Bytes>,
     header: Header,
+    write_version: u16,
     layout: Layout,
     roots: Vec<u8>,
     tables: Vec<u8>,
@@ -42,41 +43,60 @@ impl Store {
     /// [`Error::Input`] for a file that is no repository, [`Error::Version`] for one that a later
     /// version wrote in a way that this one cannot read, [`Error::Damaged`] otherwise.
     pub fn open(path: &Path, access: Access) -> Result<Store> {
-        Store::read(path, bytes::open(path, access)?)
+        Store::read(path, bytes::open(path, access)?, Extent::Whole)
+    }
+
+    /// As [`open`](Store::open), also a file that was cut off behind its index, or that has bytes after its end:
+    /// for a repair. It is read by positioned reads, so that a medium that fails is an error.
+    pub fn open_damaged(path: &Path) -> Result<Store> {
+        Store::read(
+            path,
+            bytes::open(path, Access::Positioned)?,
+            Extent::ToIndex,
+        )
     }
 
     /// As [`open`](Store::open), a repository that is only bytes; `name` stands for its path in errors.
     pub fn of_bytes(name: &Path, bytes: Vec<u8>) -> Result<Store> {
-        Store::read(name, Box::new(Memory(bytes)))
+        Store::read(name, Box::new(Memory(bytes)), Extent::Whole)
     }
 
-    fn read(path: &Path, bytes: Box<dyn Bytes>) -> Result<Store> {
-        let (mut header, layout) = read_header(path, bytes.as_ref())?;
-        let section = |name: &str, section: Section, checksum: u32| -> Result<Vec<u8>> {
-            let mut scratch = Vec::new();
-            let Section { offset, length } = section;
-            let found = read(path, bytes.as_ref(), name, offset, length, &mut scratch)?;
-            if crc32fast::hash(found) != checksum {
-                return Err(Error::damaged(path, format!("{name}: checksum mismatch")));
-            }
-            Ok(found.to_vec())
-        };
-        let [metadata_checksum, roots_checksum, tables_checksum] = layout.checksums;
-        let described = section("metadata", layout.metadata, metadata_checksum)?;
+    fn read(path: &Path, bytes: Box<dyn Bytes>, extent: Extent) -> Result<Store> {
+        let (mut header, layout, write_version) = read_header(path, bytes.as_ref(), extent)?;
+        let [described, roots, tables] = read_sections(path, bytes.as_ref(), &layout)?;
         metadata::decode(&described, &mut header.raster)
             .map_err(|cause| Error::damaged(path, format!("metadata: {cause}")))?;
-        let roots = section("roots", layout.roots, roots_checksum)?;
-        let tables = section("tables", layout.tables, tables_checksum)?;
         let verified = unverified(path, header.block_count.div_ceil(BLOCKS_PER_PAGE))?;
         Ok(Store {
             path: path.to_path_buf(),
             bytes,
             header,
+            write_version,
             layout,
             roots,
             tables,
             verified,
         })
+    }
+
+    /// The write version of the file.
+    pub(super) fn write_version(&self) -> u16 {
+        self.write_version
+    }
+
+    /// Whether the file ends where its header says.
+    pub(super) fn ends_right(&self) -> bool {
+        self.bytes.length() == self.layout.file_length
+    }
+
+    /// Where the sections lie.
+    pub(super) fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Metadata, roots and tables as they are stored, read and verified again.
+    pub(super) fn sections(&self) -> Result<[Vec<u8>; 3]> {
+        read_sections(&self.path, self.bytes.as_ref(), &self.layout)
     }
 
     /// What header and metadata say.
@@ -104,6 +124,11 @@ impl Store {
         self.layout.file_length
     }
 
+    /// Whether the header says that blocks are missing since a repair.
+    pub fn has_missing(&self) -> bool {
+        self.layout.has_missing
+    }
+
     /// Bytes of roots, tables and blocks; the rest of the file is overhead.
     pub fn payload_bytes(&self) -> u64 {
         self.layout.roots.length + self.layout.tables.length + self.layout.blocks.length
@@ -123,6 +148,7 @@ impl Store {
         let length = units as u32 * u32::from(self.header.block_length_unit);
         Ok(Record {
             length,
+            is_missing: page.is_missing(record),
             error_code,
             low_code,
             high_code,
@@ -136,10 +162,16 @@ impl Store {
     /// # Errors
     ///
     /// [`Error::Argument`] for a rank that does not exist, [`Error::Damaged`] naming the page or the
-    /// blocks, [`Error::Io`].
+    /// blocks, [`Error::Missing`] for one that was lost in a repair, [`Error::Io`].
     pub fn block<'a>(&'a self, rank: u64, scratch: &'a mut Vec<u8>) -> Result<&'a [u8]> {
         let mut page_scratch = Vec::new();
         let (page, verified, record) = self.locate(rank, &mut page_scratch)?;
+        if page.is_missing(record) {
+            return Err(Error::Missing {
+                path: self.path.clone(),
+                message: format!("block {rank} was lost in a repair"),
+            });
+        }
         let group = record / BLOCKS_PER_GROUP as usize;
         let group_bit = 1 << group;
         if verified.load(Ordering::Relaxed) & group_bit != 0 {
@@ -267,8 +299,37 @@ impl Store {
     }
 }
 
-/// Reads and checks the header of a file; the raster's metadata is still empty.
-fn read_header(path: &Path, bytes: &dyn Bytes) -> Result<(Header, Layout)> {
+/// How much of a file must be there to open it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Extent {
+    /// All, and nothing more.
+    Whole,
+    /// Everything up to the end of the index.
+    ToIndex,
+}
+
+/// Reads metadata, roots and tables and verifies their checksums.
+fn read_sections(path: &Path, bytes: &dyn Bytes, layout: &Layout) -> Result<[Vec<u8>; 3]> {
+    let section = |name: &str, section: Section, checksum: u32| -> Result<Vec<u8>> {
+        let mut scratch = Vec::new();
+        let Section { offset, length } = section;
+        let found = read(path, bytes, name, offset, length, &mut scratch)?;
+        if crc32fast::hash(found) != checksum {
+            return Err(Error::damaged(path, format!("{name}: checksum mismatch")));
+        }
+        Ok(found.to_vec())
+    };
+    let [metadata, roots, tables] = layout.checksums;
+    Ok([
+        section("metadata", layout.metadata, metadata)?,
+        section("roots", layout.roots, roots)?,
+        section("tables", layout.tables, tables)?,
+    ])
+}
+
+/// Reads and checks the header of a file, whose write version comes last; the raster's metadata is still
+/// empty.
+fn read_header(path: &Path, bytes: &dyn Bytes, extent: Extent) -> Result<(Header, Layout, u16)> {
     let damaged = |cause: String| Error::damaged(path, format!("header: {cause}"));
     let file_length = bytes.length();
     let truncated = |expected: u64| {
@@ -295,20 +356,25 @@ fn read_header(path: &Path, bytes: &dyn Bytes) -> Result<(Header, Layout)> {
             message,
         });
     }
+    let write_version = header::write_version(found).map_err(damaged)?;
     let (header, layout) = header::decode(found).map_err(damaged)?;
     let expected = layout.file_length;
-    if file_length < expected {
+    let needed = match extent {
+        Extent::Whole => expected,
+        Extent::ToIndex => layout.index.offset + layout.index.length,
+    };
+    if file_length < needed {
         let message = format!("truncated: it has {file_length} bytes of {expected}");
         return Err(Error::damaged(path, message));
     }
-    if file_length > expected {
+    if file_length > expected && extent == Extent::Whole {
         let message = format!(
             "{} bytes after its end at {expected}",
             file_length - expected
         );
         return Err(Error::damaged(path, message));
     }
-    Ok((header, layout))
+    Ok((header, layout, write_version))
 }
 
 /// One zero a page. The count is bounded by the file's length, since the index holds the pages.

@@ -83,6 +83,7 @@ impl Writer {
             blocks: section(0),
             checksums: [&metadata, roots, tables].map(crc32fast::hash),
             file_length: 0,
+            has_missing: false,
         };
         let mut out = Output::new(path, sink);
         out.seek(layout.metadata.offset)?;
@@ -114,7 +115,7 @@ impl Writer {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for a block of more than 65535 units or beyond the count; [`Error::Io`].
+    /// [`Error::Argument`] for a block of more than 65534 units or beyond the count; [`Error::Io`].
     /// After an error the writer can only be dropped.
     pub fn push(&mut self, block: &[u8]) -> Result<()> {
         let rank = self.lengths.len() as u64;
@@ -122,10 +123,11 @@ impl Writer {
             return Err(Error::Argument(format!("more than {rank} blocks")));
         }
         let unit = usize::from(self.block_length_unit);
-        let length = u16::try_from(block.len().div_ceil(unit)).map_err(|_| {
+        let length = u16::try_from(block.len().div_ceil(unit)).ok();
+        let Some(length) = length.filter(|length| *length <= index::LONGEST_UNITS) else {
             let message = format!("block {rank} has {} bytes, too many", block.len());
-            Error::Argument(message)
-        })?;
+            return Err(Error::Argument(message));
+        };
         let padding = &[0; 4][..usize::from(length) * unit - block.len()];
         for bytes in [block, padding] {
             self.group.update(bytes);
@@ -206,7 +208,7 @@ pub fn file_length(roots: u64, tables: u64, block_count: u64, blocks: u64) -> u6
 }
 
 /// A sink with a buffer before it.
-struct Output {
+pub(super) struct Output {
     path: PathBuf,
     sink: Box<dyn Sink>,
     /// Where the buffer's first byte belongs.
@@ -217,7 +219,7 @@ struct Output {
 }
 
 impl Output {
-    fn new(path: &Path, sink: Box<dyn Sink>) -> Output {
+    pub(super) fn new(path: &Path, sink: Box<dyn Sink>) -> Output {
         Output {
             path: path.to_path_buf(),
             sink,
@@ -227,7 +229,7 @@ impl Output {
         }
     }
 
-    fn put(&mut self, bytes: &[u8]) -> Result<()> {
+    pub(super) fn put(&mut self, bytes: &[u8]) -> Result<()> {
         self.buffer.extend(bytes);
         if self.buffer.len() < BUFFER_LENGTH {
             Ok(())
@@ -264,13 +266,13 @@ impl Output {
     }
 
     /// Writes what is gathered; the next bytes belong at `offset`.
-    fn seek(&mut self, offset: u64) -> Result<()> {
+    pub(super) fn seek(&mut self, offset: u64) -> Result<()> {
         self.flush()?;
         self.offset = offset;
         Ok(())
     }
 
-    fn publish(mut self) -> Result<()> {
+    pub(super) fn publish(mut self) -> Result<()> {
         self.flush()?;
         let Output { path, mut sink, .. } = self;
         sink.sync().map_err(Error::io(&path, "cannot sync"))?;

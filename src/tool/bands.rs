@@ -1,7 +1,7 @@
 //! Rows of a window out of a repository, decoded a band at a time, so that memory stays bounded.
 
 use crate::Result;
-use crate::cut::{Layer, Window, read_window};
+use crate::cut::{Coarse, Layer, Window, read_window};
 
 /// Samples of a band: few enough for memory, so many that ancestors are seldom decoded again.
 const BAND_SAMPLES: u32 = 1 << 22;
@@ -12,6 +12,9 @@ pub(super) struct Bands<'a> {
     level: u32,
     window: Window,
     samples: Vec<f64>,
+    /// Those of the band that are coarse.
+    coarse: Coarse,
+    coarse_samples: u64,
     /// Rows of the window in `samples`.
     rows: std::ops::Range<u32>,
 }
@@ -24,6 +27,8 @@ impl<'a> Bands<'a> {
             level,
             window,
             samples: Vec::new(),
+            coarse: Coarse::default(),
+            coarse_samples: 0,
             rows: 0..0,
         }
     }
@@ -49,11 +54,23 @@ impl<'a> Bands<'a> {
             };
             self.samples
                 .resize(self.row_length() * rows as usize, f64::NAN);
-            read_window(self.layer, self.level, band, &mut self.samples)?;
+            self.coarse = read_window(self.layer, self.level, band, &mut self.samples)?;
+            self.coarse_samples += self.coarse.count();
             self.rows = row..row + rows;
         }
         let start = (row - self.rows.start) as usize * self.row_length();
         Ok(&self.samples[start..start + self.row_length()])
+    }
+
+    /// Whether a sample of the row that was read last is only that of a coarser level ([`Coarse`]).
+    pub(super) fn is_coarse(&self, column: usize, row: u32) -> bool {
+        let first = (row - self.rows.start) as usize * self.window.width as usize;
+        self.coarse.contains(first + column)
+    }
+
+    /// How many there were in all bands so far, each being read once.
+    pub(super) fn coarse_samples(&self) -> u64 {
+        self.coarse_samples
     }
 
     fn row_length(&self) -> usize {

@@ -35,9 +35,7 @@ pub struct Speed {
 /// [`Error::Argument`] for a repository of a root alone; those of reading.
 pub fn bench(layer: &Layer) -> Result<Speed> {
     if layer.lattice().diamond_count() == 0 {
-        return Err(Error::Argument(
-            "it holds nothing but its root: nothing to measure".into(),
-        ));
+        return Err(nothing_to_measure());
     }
     let mut random = Random(1);
     let decode_msamples_per_s = measure_decoding(layer, &mut random)?;
@@ -50,10 +48,18 @@ pub fn bench(layer: &Layer) -> Result<Speed> {
     })
 }
 
+fn nothing_to_measure() -> Error {
+    Error::Argument("it holds nothing but its root: nothing to measure".into())
+}
+
 fn measure_decoding(layer: &Layer, random: &mut Random) -> Result<f64> {
     let lattice = layer.lattice();
-    let chosen = choose(layer, random);
+    let mut chosen = choose(layer, random);
     let vertices = prepare_vertices(layer, &chosen)?;
+    chosen.retain(|diamond| vertices.contains_key(diamond));
+    if chosen.is_empty() {
+        return Err(nothing_to_measure());
+    }
     let prepared = || {
         chosen
             .iter()
@@ -96,7 +102,8 @@ fn choose(layer: &Layer, random: &mut Random) -> Vec<Diamond> {
     chosen
 }
 
-/// The vertex matrices of some diamonds of one level, by decoding their ancestors from the root down.
+/// The vertex matrices of some diamonds of one level, by decoding their ancestors from the root down. Those whose
+/// detail is missing, or that of an ancestor, are left out.
 fn prepare_vertices(layer: &Layer, chosen: &[Diamond]) -> Result<HashMap<Diamond, Matrix>> {
     let lattice = layer.lattice();
     let mut generations: Vec<Vec<Diamond>> = vec![chosen.to_vec()];
@@ -116,25 +123,38 @@ fn prepare_vertices(layer: &Layer, chosen: &[Diamond]) -> Result<HashMap<Diamond
     while let Some(generation) = generations.pop() {
         let mut refined = HashMap::with_capacity(known.len());
         for (diamond, vertices) in known {
-            let next = layer.refine(diamond, &vertices)?;
-            refined.insert(diamond, next.into_matrices(vertices));
+            match layer.refine(diamond, &vertices) {
+                Ok(next) => refined.insert(diamond, next.into_matrices(vertices)),
+                Err(Error::Missing { .. }) => None,
+                Err(error) => return Err(error),
+            };
         }
         let gather = |&diamond: &Diamond| {
             let parents = lattice.parents(diamond).map(|parent| {
                 let (vertices, centres) = refined.get(&parent?)?;
                 Some((vertices, centres))
             });
-            (diamond, child_vertices(lattice, diamond, parents))
+            let is_there = parents.map(|parent| parent.is_some()) == lattice.halves(diamond);
+            is_there.then(|| (diamond, child_vertices(lattice, diamond, parents)))
         };
-        known = generation.iter().map(gather).collect();
+        known = generation.iter().filter_map(gather).collect();
     }
-    Ok(known)
+    let mut whole = HashMap::with_capacity(known.len());
+    for (diamond, vertices) in known {
+        if !layer.summary(diamond, [0, 0])?.is_missing {
+            whole.insert(diamond, vertices);
+        }
+    }
+    Ok(whole)
 }
 
 fn measure_look_ups(layer: &Layer, random: &mut Random) -> Result<Vec<f64>> {
     let (store, count) = (layer.store(), layer.lattice().diamond_count());
     let mut scratch = Vec::new();
-    let ranks: Vec<u64> = (0..LOOKED_UP).map(|_| random.below(count)).collect();
+    let mut ranks: Vec<u64> = (0..LOOKED_UP).map(|_| random.below(count)).collect();
+    if store.has_missing() {
+        ranks.retain(|&rank| store.record(rank).is_ok_and(|record| !record.is_missing));
+    }
     for &rank in &ranks {
         store.block(rank, &mut scratch)?;
     }

@@ -31,10 +31,12 @@ pub struct Extracted {
     pub height: u32,
     /// The level.
     pub level: u32,
+    /// Samples that are those of a coarser level, since their detail is missing.
+    pub coarse_samples: u64,
 }
 
 /// Writes the samples of a level as a GeoTIFF with the input's type, georeference and void value; colours as
-/// red, green and blue.
+/// red, green and blue. Where detail is missing, samples are those that [`read_window`](crate::cut::read_window) has.
 ///
 /// # Errors
 ///
@@ -79,6 +81,7 @@ pub fn extract(
         width: info.width,
         height: info.height,
         level,
+        coarse_samples: bands.coarse_samples(),
     })
 }
 

@@ -11,6 +11,7 @@ mod memory;
 mod packed;
 mod random;
 pub mod raster_file;
+mod repair;
 mod verify;
 
 pub use bench::{Speed, bench};
@@ -19,7 +20,8 @@ pub use extract::{Extract, Extracted, extract};
 pub use fly::{Flight, FlightReport, fly};
 pub use memory::peak_memory_bytes;
 pub use packed::{open_packed, pack, unpack};
-pub use verify::{Comparison, DamagedBlocks, Verdict, verify};
+pub use repair::{RepairReport, repair};
+pub use verify::{Comparison, DamagedBlocks, MissingBlocks, Verdict, verify};
 
 /// Told how much is done, and of how much; false cancels.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64) -> bool;

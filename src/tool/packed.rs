@@ -49,8 +49,8 @@ pub fn open_packed(bytes: &[u8]) -> Result<Terrain> {
 ///
 /// # Errors
 ///
-/// [`Error::Argument`] where `samples` are of another type or count, or cannot hold a void; those of reading and
-/// decoding blocks.
+/// [`Error::Argument`] where `samples` are of another type or count, or cannot hold a void; [`Error::Missing`] where
+/// detail is missing, so that the promised error cannot be kept; those of reading and decoding blocks.
 pub fn unpack<T: Sample>(terrain: &Terrain, samples: &mut [T]) -> Result<()> {
     let info = terrain.raster_info();
     let count = info.row_length() as u64 * u64::from(info.height);
@@ -83,7 +83,13 @@ pub fn unpack<T: Sample>(terrain: &Terrain, samples: &mut [T]) -> Result<()> {
         width: info.width,
         height: info.height,
     };
-    read_window(terrain, terrain.lattice().levels(), window, &mut values)?;
+    let coarse = read_window(terrain, terrain.lattice().levels(), window, &mut values)?;
+    if coarse.count() > 0 {
+        return Err(Error::Missing {
+            path: terrain.store().path().to_path_buf(),
+            message: format!("the detail of {} samples", coarse.count()),
+        });
+    }
     for (sample, value) in samples.iter_mut().zip(values) {
         *sample = T::nearest(if value.is_nan() { void } else { value });
     }

@@ -3,4 +3,5 @@
 mod bad_input;
 mod domain;
 mod image;
+mod repair;
 mod round_trip;

@@ -3,5 +3,6 @@
 mod bad_input;
 mod interruption;
 mod kmb;
+mod repair;
 mod results;
 mod resume;

@@ -1,6 +1,7 @@
 //! Properties of cuts: legal, without cracks, within budgets, settled when nothing moves.
 
 mod cases;
+mod missing;
 mod properties;
 mod repositories;
 mod scenes;

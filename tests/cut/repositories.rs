@@ -10,11 +10,23 @@ use kimberlite::cut::{Cut, DiamondSource, Terrain};
 use kimberlite::geo::{RasterInfo, SampleType};
 use kimberlite::schedule::Budget;
 use kimberlite::store::{Access, TransformKind};
+use kimberlite::tool;
 use proptest::prelude::*;
+use std::path::Path;
 use std::sync::Arc;
 
 /// The repository of a source's raster, in the same world.
 fn repository(source: &MemorySource, options: &BuildOptions) -> Arc<Terrain> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.kmb");
+    build_at(&path, source, options);
+    let terrain = Terrain::open(&path, Access::Map).unwrap();
+    assert_eq!(terrain.frame(), source.frame());
+    assert_eq!(terrain.height_to_world(), source.height_to_world());
+    Arc::new(terrain)
+}
+
+fn build_at(path: &Path, source: &MemorySource, options: &BuildOptions) {
     let raster = &source.raster;
     let mut info = RasterInfo::new(raster.width, raster.height, SampleType::I16);
     let (frame, [offset, scale]) = (source.frame(), source.height_to_world());
@@ -29,13 +41,29 @@ fn repository(source: &MemorySource, options: &BuildOptions) -> Arc<Terrain> {
         Ok(())
     };
     let mut rows = RowSource::new(info, Box::new(fill));
+    build(&mut rows, options, path, &mut |_, _| true).unwrap();
+}
+
+/// The same after some of its bytes, in these parts of the blocks, were changed, and a repair.
+fn repaired_repository(
+    source: &MemorySource,
+    options: &BuildOptions,
+    places: &[f64],
+) -> Arc<Terrain> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.kmb");
-    build(&mut rows, options, &path, &mut |_, _| true).unwrap();
-    let terrain = Terrain::open(&path, Access::Map).unwrap();
-    assert_eq!(terrain.frame(), source.frame());
-    assert_eq!(terrain.height_to_world(), source.height_to_world());
-    Arc::new(terrain)
+    build_at(&path, source, options);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let blocks = u64::from_le_bytes(bytes[272..280].try_into().unwrap()) as usize;
+    for place in places {
+        let place = blocks + ((bytes.len() - blocks) as f64 * place) as usize;
+        if let Some(byte) = bytes.get_mut(place) {
+            *byte ^= 1;
+        }
+    }
+    std::fs::write(&path, bytes).unwrap();
+    tool::repair(&path, &path, &mut |_, _| true).unwrap();
+    Arc::new(Terrain::open(&path, Access::Map).unwrap())
 }
 
 fn filtering() -> impl Strategy<Value = BuildOptions> {
@@ -57,6 +85,24 @@ fn filtering() -> impl Strategy<Value = BuildOptions> {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn a_cut_of_a_repaired_terrain_has_a_crack_or_never_settles(
+        scene in scenes(),
+        options in filtering(),
+        places in prop::collection::vec(0.0f64..1.0, 1..4),
+        (first, second) in (stands(), stands()),
+        (mut budget, refinements) in (budgets(), 1u64..50),
+    ) {
+        budget.refinements = refinements;
+        let source = MemorySource::rough(scene.raster(), 4, 0.0);
+        let mut cut = Cut::new(repaired_repository(&source, &options, &places), COMPACT).unwrap();
+        for stand in [first, second] {
+            let stats = settle(&mut cut, &view(&source, stand), &budget);
+            prop_assert_eq!(cracks(&cut, &source), 0);
+            prop_assert!(stats.budget_too_small || stats.patches <= budget.patches);
+        }
+    }
 
     #[test]
     fn no_cut_of_filtered_levels_has_a_crack(

@@ -3,7 +3,8 @@ nothing but Python 3.
 
     python3 reader.py FILE.kmb SAMPLES.f64
 
-writes the decoded samples row by row as little-endian doubles, NaN where void."""
+writes the decoded samples row by row as little-endian doubles, NaN where void, and where the finer detail is missing
+that a sample needs."""
 
 import struct
 import sys
@@ -85,7 +86,10 @@ class Header:
         page = self.index[364 * (rank // 64) :]
         count = min(64, self.blocks - rank // 64 * 64)
         base = struct.unpack_from("<Q", page)[0]
-        lengths = [self.unit_length * n for n in struct.unpack_from(f"<{count}H", page, 8)]
+        stored = struct.unpack_from(f"<{count}H", page, 8)
+        if stored[rank % 64] == 0xFFFF:
+            return None
+        lengths = [self.unit_length * n % (0xFFFF * self.unit_length) for n in stored]
         start = base + sum(lengths[: rank % 64])
         return self.payload[start : start + lengths[rank % 64]]
 
@@ -528,6 +532,9 @@ class Terrain:
 
         corners = [(i, j) for j in range(cells + 1) for i in range(cells + 1)]
         matrix = [(i, j) for j in range(cells) for i in range(cells)]
+        # Without its block, or without that of a parent.
+        if block is None or any(place(*mirrored(*at, cells)) not in self.heights for at in corners):
+            return {}
         vertices = {at: self.heights[place(*mirrored(*at, cells))] for at in corners}
         valid = {at: place(*mirrored(*at, cells)) in self.known for at in corners}
         codable = {at: present(*at, cells - 1) and self.in_raster(*middle(*at)) for at in matrix}

@@ -6,4 +6,5 @@ mod content;
 mod damage;
 mod faults;
 mod layout;
+mod repair;
 mod round_trip;

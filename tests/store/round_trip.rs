@@ -150,7 +150,7 @@ fn the_largest_block_does_not_fit_or_a_larger_one_is_cut() {
         let folder = Folder::new();
         let mut content = Content::small(2);
         content.header.block_length_unit = unit;
-        let longest = 65535 * usize::from(unit);
+        let longest = 65534 * usize::from(unit);
         content.blocks[1] = vec![0xa5; longest];
         content.write(&folder.file()).unwrap();
         for access in BOTH {

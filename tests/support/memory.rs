@@ -55,6 +55,8 @@ pub struct MemorySource {
     constant_error: f64,
     /// Diamonds whose centres cannot be had.
     pub broken: HashSet<Diamond>,
+    /// Diamonds that say that their centres are missing.
+    pub missing: HashSet<Diamond>,
     pub delay: Duration,
     /// Diamonds asked for, and when.
     pub asked: Mutex<Vec<(Diamond, Instant)>>,
@@ -83,6 +85,7 @@ impl MemorySource {
             summaries: None,
             constant_error: error,
             broken: HashSet::new(),
+            missing: HashSet::new(),
             delay: Duration::ZERO,
             asked: Mutex::default(),
         }
@@ -145,10 +148,14 @@ impl DiamondSource for MemorySource {
             "a leaf diamond has no summary"
         );
         Ok(match &self.summaries {
-            Some(summaries) => summaries[&diamond],
+            Some(summaries) => Summary {
+                is_missing: self.missing.contains(&diamond),
+                ..summaries[&diamond]
+            },
             None => Summary {
                 error: self.constant_error,
                 range: parent_range,
+                is_missing: self.missing.contains(&diamond),
             },
         })
     }
@@ -245,7 +252,15 @@ impl<'a> Summaries<'a> {
                     range = [range[0].min(below.range[0]), range[1].max(below.range[1])];
                     error = error.max(below.error);
                 }
-                summaries.insert(diamond, Summary { error, range });
+                let is_missing = false;
+                summaries.insert(
+                    diamond,
+                    Summary {
+                        error,
+                        range,
+                        is_missing,
+                    },
+                );
             }
         }
         summaries

@@ -10,6 +10,7 @@ mod pyramid;
 mod rasters;
 mod reference;
 mod reference_model;
+mod repair;
 mod round_trip;
 mod second_reader;
 mod stability;

@@ -2,10 +2,37 @@
 
 use crate::methods::METHODS;
 use crate::rasters::{Raster, decode};
+use kimberlite::cut::{DiamondSource, Terrain, Window, read_window};
 use kimberlite::geo::SampleType;
 use kimberlite::store::Access;
+use kimberlite::tool;
 use std::path::Path;
 use std::process::Command;
+
+/// What the reader in Python decodes of a repository of heights, row by row; `None` where there is no Python.
+pub fn read(repository: &Path) -> Option<Vec<f64>> {
+    let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reader/reader.py");
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("a.f64");
+    // -B: the source folder stays clean.
+    let mut python = Command::new("python3");
+    python.arg("-B").arg(&reader).args([repository, &output]);
+    let Ok(done) = python.output() else {
+        println!("passed over: there is no python3");
+        return None;
+    };
+    let complaint = String::from_utf8_lossy(&done.stderr);
+    assert!(
+        done.status.success(),
+        "{}: {complaint}",
+        repository.display()
+    );
+    let bytes = std::fs::read(&output).unwrap();
+    let numbers = bytes
+        .chunks_exact(8)
+        .map(|number| number.try_into().unwrap());
+    Some(numbers.map(f64::from_le_bytes).collect())
+}
 
 /// Hills with a cliff and some noise.
 fn height(column: u32, row: u32) -> f64 {
@@ -27,10 +54,6 @@ fn raster(
 
 #[test]
 fn a_reader_written_after_the_format_page_decodes_the_same_samples() {
-    if Command::new("python3").arg("--version").output().is_err() {
-        println!("passed over: there is no python3");
-        return;
-    }
     let blob =
         |c: u32, r: u32| (c / 9 + r / 7).is_multiple_of(5) || (c * 13 + r * 7).is_multiple_of(31);
     let with_voids = |c, r| if blob(c, r) { f64::NAN } else { height(c, r) };
@@ -61,9 +84,8 @@ fn a_reader_written_after_the_format_page_decodes_the_same_samples() {
             7,
         ),
     ];
-    let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reader/reader.py");
     let folder = tempfile::tempdir().unwrap();
-    let (repository, output) = (folder.path().join("a.kmb"), folder.path().join("a.f64"));
+    let repository = folder.path().join("a.kmb");
     for (place, (raster, error, cells_log2)) in cases.into_iter().enumerate() {
         // All of them for voids lossless and for hills with an error, else the default.
         let methods = if place < 2 {
@@ -74,26 +96,54 @@ fn a_reader_written_after_the_format_page_decodes_the_same_samples() {
         for &method in methods {
             let options = method.options(error, cells_log2);
             raster.build_with(&repository, &options).unwrap();
-            // -B: the source folder stays clean.
-            let mut python = Command::new("python3");
-            python.arg("-B");
-            let done = python
-                .arg(&reader)
-                .args([&repository, &output])
-                .output()
-                .unwrap();
-            let complaint = String::from_utf8_lossy(&done.stderr);
-            assert!(done.status.success(), "{raster:?} {method:?}: {complaint}");
-            let bytes = std::fs::read(&output).unwrap();
-            let numbers = bytes
-                .chunks_exact(8)
-                .map(|number| number.try_into().unwrap());
-            let found: Vec<f64> = numbers.map(f64::from_le_bytes).collect();
+            let Some(found) = read(&repository) else {
+                return;
+            };
             let expected = decode(&repository, Access::Map).unwrap();
             assert_eq!(found.len(), expected.len());
             let is_same = |(a, b): (&f64, &f64)| a == b || a.is_nan() && b.is_nan();
             let first = found.iter().zip(&expected).position(|pair| !is_same(pair));
             assert_eq!(first, None, "{raster:?} {method:?}");
         }
+    }
+}
+
+#[test]
+fn the_reader_takes_missing_blocks_for_others() {
+    let raster = raster(90, 70, SampleType::I16, height);
+    let folder = tempfile::tempdir().unwrap();
+    let repository = folder.path().join("a.kmb");
+    for method in [METHODS[0], METHODS[3], METHODS[8]] {
+        raster
+            .build_with(&repository, &method.options(0.0, 4))
+            .unwrap();
+        let whole = decode(&repository, Access::Map).unwrap();
+        let mut bytes = std::fs::read(&repository).unwrap();
+        let blocks = u64::from_le_bytes(bytes[272..280].try_into().unwrap()) as usize;
+        let place = blocks + (bytes.len() - blocks) * 2 / 3;
+        bytes[place] ^= 1;
+        std::fs::write(&repository, bytes).unwrap();
+        tool::repair(&repository, &repository, &mut |_, _| true).unwrap();
+        let terrain = Terrain::open(&repository, Access::Map).unwrap();
+        let window = Window {
+            column: 0,
+            row: 0,
+            width: 90,
+            height: 70,
+        };
+        let mut samples = vec![0.0; whole.len()];
+        let coarse =
+            read_window(&terrain, terrain.lattice().levels(), window, &mut samples).unwrap();
+        let Some(found) = read(&repository) else {
+            return;
+        };
+        let mut missing = 0;
+        for (index, found) in found.into_iter().enumerate() {
+            if !coarse.contains(index) {
+                assert_eq!(found, whole[index], "{method:?}: sample {index}");
+            }
+            missing += u64::from(found.is_nan());
+        }
+        assert!(missing > 0 && missing <= coarse.count());
     }
 }

@@ -263,7 +263,7 @@ impl File {
             read_window(&terrain, terrain.lattice().levels(), window, &mut samples)
         };
         match read() {
-            Ok(()) => true,
+            Ok(_) => true,
             Err(Error::Damaged { .. }) => false,
             Err(error) => panic!("{error}"),
         }

@@ -34,6 +34,13 @@ pub enum Command {
         #[command(flatten)]
         source: Source,
     },
+    /// Write a repository without what is damaged: there it stays coarse
+    Repair {
+        file: PathBuf,
+        /// The repaired repository; by default it takes the place of the damaged one
+        #[arg(short, long, value_name = "OUT")]
+        output: Option<PathBuf>,
+    },
     /// Write a level of a repository as a GeoTIFF
     Extract(Extract),
     /// Measure a flight over a repository, and look for cracks
@@ -57,6 +64,7 @@ impl Command {
             Command::Clean { output } => output,
             Command::Info { file }
             | Command::Verify { file, .. }
+            | Command::Repair { file, .. }
             | Command::Bench { file }
             | Command::Height { file, .. } => file,
         }

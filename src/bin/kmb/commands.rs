@@ -45,6 +45,7 @@ pub fn run(command: &Command) -> Result<Outcome> {
             domain_of,
             source,
         } => verify(file, against, domain_of.as_deref(), source),
+        Command::Repair { file, output } => repair(file, output.as_deref()).map(Outcome::from),
         Command::Extract(arguments) => extract(arguments).map(Outcome::from),
         Command::Fly(arguments) => fly(arguments).map(Outcome::from),
         Command::Bench { file } => bench(file).map(Outcome::from),
@@ -232,6 +233,7 @@ fn info(file: &Path) -> Result<Report> {
         .with("max_error_bound", header.max_error_bound)
         .with("rms_error", header.rms_error)
         .with("lossless", header.lossless)
+        .with("missing_detail", store.has_missing())
         .with("width", raster.width)
         .with("height", raster.height)
         .with("sample_type", raster.sample_type.name())
@@ -272,6 +274,7 @@ fn verify(
             let report = Report::default()
                 .with("ok", false)
                 .with("damaged_blocks", Value::Null)
+                .with("missing_blocks", Value::Null)
                 .with("damage", vec![message.clone()]);
             return Ok(Outcome {
                 report,
@@ -301,10 +304,18 @@ fn verify(
         .iter()
         .map(|d| d.description.as_str())
         .collect();
+    let missing: Vec<&str> = verdict
+        .missing
+        .iter()
+        .map(|d| d.description.as_str())
+        .collect();
     let mut report = Report::default()
         .with("ok", verdict.ok)
         .with("damaged_blocks", verdict.damaged_blocks())
-        .with("damage", damage);
+        .with("missing_blocks", verdict.missing_blocks())
+        .with("coarse_samples", verdict.coarse_samples)
+        .with("damage", damage)
+        .with("missing", missing);
     if source.is_some() {
         let found = verdict.comparison;
         report = report
@@ -337,6 +348,22 @@ fn failure(verdict: &Verdict, bound: f64) -> Option<String> {
     }
 }
 
+fn repair(file: &Path, output: Option<&Path>) -> Result<Report> {
+    let progress = start_progress("repairing", file)?;
+    let mut step = |done, total| progress.step(done, total);
+    let repaired = tool::repair(file, output.unwrap_or(file), &mut step)?;
+    Ok(Report::default()
+        .with("damaged_blocks", repaired.damaged_blocks)
+        .with("lost_blocks", repaired.lost_blocks)
+        .with("missing_blocks", repaired.missing_blocks)
+        .with("blocked_blocks", repaired.blocked_blocks)
+        .with("coarse_samples", repaired.coarse_samples)
+        .with("coarse_percent", repaired.coarse_percent)
+        .with("area_left_coarse", repaired.coarse_percent / 100.0)
+        .with("coarsest_level", repaired.coarsest_level)
+        .with("bytes", repaired.bytes))
+}
+
 fn extract(arguments: &arguments::Extract) -> Result<Report> {
     let corners = match arguments.bbox.as_deref() {
         Some(&[x0, y0, x1, y1]) => Some([x0, y0, x1, y1]),
@@ -353,7 +380,8 @@ fn extract(arguments: &arguments::Extract) -> Result<Report> {
     Ok(Report::default()
         .with("width", extracted.width)
         .with("height", extracted.height)
-        .with("level", extracted.level))
+        .with("level", extracted.level)
+        .with("coarse_samples", extracted.coarse_samples))
 }
 
 fn fly(arguments: &arguments::Fly) -> Result<Report> {
