@@ -78,13 +78,16 @@ impl<'a> Page<'a> {
     }
 
     /// Units of length of the blocks of a range of records.
+    #[inline]
     pub(super) fn length_units(&self, records: Range<usize>) -> u64 {
         let lengths = &self.bytes[BASE_LENGTH + 2 * records.start..BASE_LENGTH + 2 * records.end];
         let lengths = lengths.as_chunks::<2>().0;
-        lengths
+        // A page has 64 records at most: 32 bits hold the sum, in vectors of twice as many as 64 bits.
+        let units: u32 = lengths
             .iter()
-            .map(|length| u64::from(u16::from_le_bytes(*length)))
-            .sum()
+            .map(|length| u32::from(u16::from_le_bytes(*length)))
+            .sum();
+        u64::from(units)
     }
 
     /// Error, low and high code of a record.

@@ -1,6 +1,8 @@
 //! What `kmb` promises to scripts: its results, its keys, its exit codes and its messages.
 
 mod bad_input;
+mod damage;
 mod interruption;
 mod kmb;
 mod results;
+mod successor;

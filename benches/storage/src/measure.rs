@@ -77,12 +77,10 @@ pub fn quantile(numbers: &mut [f64], share: f64) -> f64 {
 
 /// Reads every byte.
 fn touch(bytes: &[u8]) {
-    let words = bytes.chunks(8).map(|word| {
-        let mut all = [0; 8];
-        all[..word.len()].copy_from_slice(word);
-        u64::from_ne_bytes(all)
-    });
-    black_box(words.fold(0, u64::wrapping_add));
+    let (words, rest) = bytes.as_chunks::<8>();
+    let words = words.iter().map(|word| u64::from_ne_bytes(*word));
+    let rest = rest.iter().map(|&byte| u64::from(byte));
+    black_box(words.chain(rest).fold(0, u64::wrapping_add));
 }
 
 /// Times of single look-ups that read the whole block, less the clock's cost.
