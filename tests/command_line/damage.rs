@@ -91,7 +91,12 @@ impl Victim {
             let is_verify = place == 1;
             let codes = if is_verify { [1, 2] } else { [0, 2] };
             let code = run.code.filter(|code| codes.contains(code));
-            assert!(code.is_some(), "{what}, command {place}: {:?} {}", run.code, run.stderr);
+            assert!(
+                code.is_some(),
+                "{what}, command {place}: {:?} {}",
+                run.code,
+                run.stderr
+            );
             if code != Some(0) {
                 run.complains("damaged.kmb", &[]);
             }
@@ -115,7 +120,10 @@ struct Random(u64);
 
 impl Random {
     fn below(&mut self, end: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
         ((u128::from(self.0) * end as u128) >> 64) as usize
     }
 }

@@ -25,8 +25,13 @@ fn two_processes_read_while_a_third_builds_the_successor_and_renames_it() {
     });
     let long_reader = || {
         let mut fly = command();
-        fly.arg("fly").arg(&file).args(["--frames", "150", "--size", "640x480"]);
-        fly.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+        fly.arg("fly")
+            .arg(&file)
+            .args(["--frames", "150", "--size", "640x480"]);
+        fly.stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
     };
     let (folder, file, versions) = (&folder, &file, &versions);
     let done = &AtomicBool::new(false);

@@ -86,7 +86,9 @@ fn a_write_error_a_torn_write_a_failing_sync_or_publish_at_any_call_of_a_build()
     }
     // The same medium, once it is well again.
     let folder = Folder::new();
-    build(&folder.file(), |sink| sink.fault_at = 5).0.unwrap_err();
+    build(&folder.file(), |sink| sink.fault_at = 5)
+        .0
+        .unwrap_err();
     build(&folder.file(), |_| ()).0.unwrap();
     assert_eq!(std::fs::read(folder.file()).unwrap(), good);
 }
@@ -100,7 +102,9 @@ fn a_full_disk_at_any_write_of_a_build() {
         assert_nothing_left(&folder, result, &format!("room for {space} bytes"));
     }
     let folder = Folder::new();
-    build(&folder.file(), |sink| sink.space = good.len()).0.unwrap();
+    build(&folder.file(), |sink| sink.space = good.len())
+        .0
+        .unwrap();
     assert_eq!(std::fs::read(folder.file()).unwrap(), good);
 }
 
@@ -117,7 +121,11 @@ fn a_write_that_vanishes_or_a_tail_that_does_is_found_by_verify() {
             });
             result.unwrap();
             let same = std::fs::read(folder.file()).unwrap() == good;
-            assert_eq!(!is_detected(&folder.file()), same, "{fault:?} of call {call}");
+            assert_eq!(
+                !is_detected(&folder.file()),
+                same,
+                "{fault:?} of call {call}"
+            );
             detected += usize::from(!same);
         }
     }

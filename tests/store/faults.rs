@@ -69,7 +69,9 @@ fn a_failure_takes_the_file_that_was_there() {
     let (_, calls) = write(&Folder::new(), |_| ());
     for fail_at in 1..=calls {
         std::fs::write(folder.file(), b"older").unwrap();
-        write(&folder, |sink| sink.fault_at = fail_at).0.unwrap_err();
+        write(&folder, |sink| sink.fault_at = fail_at)
+            .0
+            .unwrap_err();
         assert_eq!(folder.names(), ["terrain.kmb"]);
         assert_eq!(std::fs::read(folder.file()).unwrap(), b"older");
     }
