@@ -67,7 +67,7 @@ storage:
 		$(or $(FILE),target/storage/andes.kmb) --csv target/storage/measured.csv $(ARGS)
 
 soak:
-	KIMBERLITE_SOAK=1 cargo test --locked --release --test command_line damage:: -- --nocapture
+	KIMBERLITE_SOAK=1 cargo test --locked --test command_line damage:: -- --nocapture
 
 clean:
 	rm -rf target

@@ -182,26 +182,51 @@ struct Grid {
 }
 
 impl Grid {
-    /// Gives each vertex that is not valid the height of the nearest valid one, else `middle`.
+    /// Gives each vertex that is not valid the height of the nearest valid one, of several that of the first
+    /// row by row; `middle` where none is valid.
     fn carry_nearest(&mut self, middle: i32) {
         let side = self.side as usize;
-        let (valid, values) = (&self.valid, &mut self.values);
-        let known: Vec<usize> = (0..side * side)
-            .filter(|&index| valid[index] != 0)
-            .collect();
-        let nearest = |index: usize| {
-            let square = |other: usize| {
-                let (di, dj) = (
-                    (index % side).abs_diff(other % side),
-                    (index / side).abs_diff(other / side),
-                );
-                di * di + dj * dj
-            };
-            known.iter().copied().min_by_key(|&other| square(other))
-        };
-        for index in (0..side * side).filter(|&index| valid[index] == 0) {
-            values[index] = nearest(index).map_or(middle, |other| values[other]);
+        let in_row = self.nearest_in_row();
+        for index in (0..side * side).filter(|&index| self.valid[index] == 0) {
+            let (i, j) = (index % side, index / side);
+            // Square of the distance, and the index that decides among equal ones.
+            let mut nearest = (usize::MAX, usize::MAX);
+            let mut away = 0;
+            while away < side && away * away <= nearest.0 {
+                for row in [j.checked_sub(away), Some(j + away)].into_iter().flatten() {
+                    if let Some(&Some(column)) = in_row.get(row * side + i) {
+                        let along = usize::from(column).abs_diff(i);
+                        let found = row * side + usize::from(column);
+                        nearest = nearest.min((along * along + away * away, found));
+                    }
+                }
+                away += 1;
+            }
+            self.values[index] = self.values.get(nearest.1).copied().unwrap_or(middle);
         }
+    }
+
+    /// For each vertex the column of the nearest valid one in its row, the left one of two.
+    fn nearest_in_row(&self) -> Vec<Option<u8>> {
+        let side = self.side as usize;
+        let mut nearest = vec![None; side * side];
+        for (valid, nearest) in self.valid.chunks(side).zip(nearest.chunks_mut(side)) {
+            let mut last: Option<usize> = None;
+            for (i, nearest) in nearest.iter_mut().enumerate() {
+                last = if valid[i] != 0 { Some(i) } else { last };
+                *nearest = last.map(|last| last as u8);
+            }
+            let mut next: Option<usize> = None;
+            for (i, nearest) in nearest.iter_mut().enumerate().rev() {
+                next = if valid[i] != 0 { Some(i) } else { next };
+                let is_nearer =
+                    |next: usize| nearest.is_none_or(|last| next - i < i - usize::from(last));
+                if let Some(next) = next.filter(|&next| is_nearer(next)) {
+                    *nearest = Some(next as u8);
+                }
+            }
+        }
+        nearest
     }
 
     fn get(&self, i: i64, j: i64) -> Option<i64> {

@@ -79,7 +79,11 @@ pub struct Reader<'a> {
 impl Session for Reader<'_> {
     fn get(&mut self, rank: u64, take: impl FnOnce(&[u8])) -> Result<()> {
         let key = (rank as usize).to_ne_bytes();
-        take(self.blocks.get(&self.transaction, &key)?.ok_or("no block")?);
+        take(
+            self.blocks
+                .get(&self.transaction, &key)?
+                .ok_or("no block")?,
+        );
         Ok(())
     }
 

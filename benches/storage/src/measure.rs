@@ -3,19 +3,20 @@
 use std::fs::File;
 use std::hint::black_box;
 use std::path::Path;
-use std::sync::Barrier;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use crate::engine::{Engine, Result, Session};
 
 /// Look-ups between two looks at the clock.
 const BATCH: usize = 32;
-/// Look-ups of a thread in a round.
-const LOOK_UPS: usize = 400_000;
+/// Look-ups of a thread in a round, and in each of the slices that threads begin together.
+const LOOK_UPS: usize = 40 * SLICE;
+const SLICE: usize = 160 * BATCH;
 /// Look-ups that are timed one by one in a round.
 const SINGLE: usize = 50_000;
 /// Look-ups after the file left the page cache.
-const COLD: usize = 2_000;
+const COLD: usize = 200;
 /// Look-ups of blocks that were not used since the file was opened.
 const FIRST: usize = 20_000;
 /// How often a file is opened.
@@ -154,31 +155,28 @@ pub fn round<E: Engine>(
     })
 }
 
-/// Mean times of batches, of all threads, and look-ups a second of all threads together.
-fn run<E: Engine>(
-    engine: &E,
-    blocks: u64,
-    threads: usize,
-    seed: u64,
-) -> Result<(Vec<f64>, f64)> {
-    let barrier = Barrier::new(threads);
-    let one = |thread: u64| -> Result<(Vec<f64>, Instant, Instant)> {
+/// Mean times of batches, of all threads, and look-ups a second of all threads together in the fastest slice: what
+/// others do on the machine only ever slows one down.
+fn run<E: Engine>(engine: &E, blocks: u64, threads: usize, seed: u64) -> Result<(Vec<f64>, f64)> {
+    let arrived = AtomicUsize::new(0);
+    let one = |thread: u64| {
         let ranks = Random(seed + 77 * thread).ranks(LOOK_UPS, blocks);
-        let mut times = Vec::with_capacity(LOOK_UPS / BATCH);
-        engine.read(|session| {
-            barrier.wait();
-            let begin = Instant::now();
-            let mut last = begin;
-            for batch in ranks.chunks_exact(BATCH) {
-                for &rank in batch {
-                    session.get(rank, |block| _ = black_box(block))?;
+        let done = engine.read(|session| {
+            let slices = ranks.chunks_exact(SLICE).enumerate();
+            let slices = slices.map(|(slice, ranks)| {
+                // All begin together, without sleeping.
+                arrived.fetch_add(1, Ordering::Relaxed);
+                while arrived.load(Ordering::Relaxed) < threads * (slice + 1) {
+                    std::hint::spin_loop();
                 }
-                let now = Instant::now();
-                times.push((now - last).as_nanos() as f64 / BATCH as f64);
-                last = now;
-            }
-            Ok((times, begin, last))
-        })
+                look_up(session, ranks)
+            });
+            slices.collect::<Result<Vec<_>>>()
+        });
+        if done.is_err() {
+            arrived.store(usize::MAX / 2, Ordering::Relaxed);
+        }
+        done
     };
     let all = std::thread::scope(|scope| {
         let one = &one;
@@ -190,26 +188,54 @@ fn run<E: Engine>(
             .map(|result| result.map_err(|_| "a thread panicked")?)
             .collect::<Result<Vec<_>>>()
     })?;
-    let begin = all.iter().map(|(_, begin, _)| *begin).min();
-    let end = all.iter().map(|(_, _, end)| *end).max();
-    let seconds = begin.zip(end).map_or(f64::NAN, |(b, e)| (e - b).as_secs_f64());
-    let times = all.into_iter().flat_map(|(times, ..)| times).collect();
-    Ok((times, (threads * LOOK_UPS) as f64 / seconds))
+    let seconds = (0..LOOK_UPS / SLICE).filter_map(|slice| {
+        let begin = all.iter().map(|slices| slices[slice].1).min()?;
+        let end = all.iter().map(|slices| slices[slice].2).max()?;
+        Some((end - begin).as_secs_f64())
+    });
+    let fastest = seconds.fold(f64::INFINITY, f64::min);
+    let times = all.into_iter().flatten().flat_map(|(times, ..)| times);
+    Ok((times.collect(), (threads * SLICE) as f64 / fastest))
 }
 
-/// Look-ups in a file that nobody has open, after asking the system to forget its pages.
+/// Mean times of batches, and when the first began and the last ended.
+fn look_up(session: &mut impl Session, ranks: &[u64]) -> Result<(Vec<f64>, Instant, Instant)> {
+    let mut times = Vec::with_capacity(ranks.len() / BATCH);
+    let begin = Instant::now();
+    let mut last = begin;
+    for batch in ranks.chunks_exact(BATCH) {
+        for &rank in batch {
+            session.get(rank, |block| _ = black_box(block))?;
+        }
+        let now = Instant::now();
+        times.push((now - last).as_nanos() as f64 / BATCH as f64);
+        last = now;
+    }
+    Ok((times, begin, last))
+}
+
+/// Look-ups in a file that nobody else has open, each after asking the system to forget what it can of the file: the system reads
+/// ahead, and would soon have it all.
 pub fn cold<E: Engine>(path: &Path, blocks: u64, figures: &mut Figures) -> Result<()> {
     let file = File::open(path)?;
     file.sync_all()?;
-    rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed)?;
-    drop(file);
+    let forget = || rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed);
+    forget()?;
     let before = bytes_read();
-    let ranks = Random(5).ranks(COLD, blocks);
     let engine = E::open(path)?;
-    let times = engine.read(|session| read_singly(session, &ranks))?;
-    // Where nothing came from the medium, the pages were still there.
-    let is_cold = bytes_read().zip(before).is_some_and(|(now, then)| now > then);
-    if is_cold {
+    let times = engine.read(|session| {
+        let mut times = Vec::with_capacity(COLD);
+        for rank in Random(5).ranks(COLD, blocks) {
+            forget()?;
+            let start = Instant::now();
+            session.get(rank, touch)?;
+            times.push(start.elapsed().as_nanos() as f64);
+        }
+        Ok(times)
+    })?;
+    // Where hardly anything came from the medium, the pages were still there.
+    let read = bytes_read().zip(before).map_or(0, |(now, then)| now - then);
+    if read >= COLD as u64 / 2 * 4096 {
         figures.cold = times;
     }
     Ok(())
@@ -218,6 +244,8 @@ pub fn cold<E: Engine>(path: &Path, blocks: u64, figures: &mut Figures) -> Resul
 /// Bytes that this process caused to be read from a medium.
 fn bytes_read() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/io").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("read_bytes: "))?;
+    let line = text
+        .lines()
+        .find_map(|line| line.strip_prefix("read_bytes: "))?;
     line.parse().ok()
 }

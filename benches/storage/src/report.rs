@@ -85,7 +85,10 @@ fn row(figures: &Figures, payload: u64) -> Vec<String> {
     vec![
         figures.name.to_owned(),
         figures.bytes.to_string(),
-        format!("{:.2}", 100.0 * (figures.bytes as f64 / payload as f64 - 1.0)),
+        format!(
+            "{:.2}",
+            100.0 * (figures.bytes as f64 / payload as f64 - 1.0)
+        ),
         format!("{:.0}", of(&figures.open, 0.5) / 1e3),
         format!("{:.0}", of(&figures.first_touch, 0.5)),
         format!("{:.1}", of(&figures.gets[0], 0.5)),
