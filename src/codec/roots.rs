@@ -186,24 +186,44 @@ impl Grid {
     /// row by row; `middle` where none is valid.
     fn carry_nearest(&mut self, middle: i32) {
         let side = self.side as usize;
-        let in_row = self.nearest_in_row();
+        let Some([least, greatest]) = self.bounds() else {
+            self.values.fill(middle);
+            return;
+        };
+        let mut in_row = None;
         for index in (0..side * side).filter(|&index| self.valid[index] == 0) {
-            let (i, j) = (index % side, index / side);
-            // Square of the distance, and the index that decides among equal ones.
-            let mut nearest = (usize::MAX, usize::MAX);
-            let mut away = 0;
-            while away < side && away * away <= nearest.0 {
-                for row in [j.checked_sub(away), Some(j + away)].into_iter().flatten() {
-                    if let Some(&Some(column)) = in_row.get(row * side + i) {
-                        let along = usize::from(column).abs_diff(i);
-                        let found = row * side + usize::from(column);
-                        nearest = nearest.min((along * along + away * away, found));
-                    }
-                }
-                away += 1;
-            }
-            self.values[index] = self.values.get(nearest.1).copied().unwrap_or(middle);
+            let at = [index % side, index / side];
+            // Nothing in their bounds is nearer than this, where it is one of them: so for all outside.
+            let [i, j] = [0, 1].map(|axis| at[axis].clamp(least[axis], greatest[axis]));
+            let nearest = if self.valid[j * side + i] != 0 {
+                j * side + i
+            } else {
+                nearest(
+                    at,
+                    side,
+                    in_row.get_or_insert_with(|| self.nearest_in_row()),
+                )
+            };
+            self.values[index] = self.values[nearest];
         }
+    }
+
+    /// The least and the greatest i and j of valid vertices.
+    fn bounds(&self) -> Option<[[usize; 2]; 2]> {
+        let side = self.side as usize;
+        let mut bounds: Option<[[usize; 2]; 2]> = None;
+        for (j, row) in self.valid.chunks(side).enumerate() {
+            let is_valid = |valid: &u8| *valid != 0;
+            let ends = row
+                .iter()
+                .position(is_valid)
+                .zip(row.iter().rposition(is_valid));
+            if let Some((first, last)) = ends {
+                let [least, greatest] = bounds.unwrap_or([[first, j], [last, j]]);
+                bounds = Some([[least[0].min(first), least[1]], [greatest[0].max(last), j]]);
+            }
+        }
+        bounds
     }
 
     /// For each vertex the column of the nearest valid one in its row, the left one of two.
@@ -286,6 +306,24 @@ impl Grid {
             context,
         }
     }
+}
+
+/// The index of the valid vertex that is nearest to (i, j), of several the lowest, given those of [`Grid::nearest_in_row`].
+fn nearest([i, j]: [usize; 2], side: usize, in_row: &[Option<u8>]) -> usize {
+    // Square of the distance, and the index that decides among equal ones.
+    let mut nearest = (usize::MAX, 0);
+    let mut away = 0;
+    while away < side && away * away <= nearest.0 {
+        for row in [j.checked_sub(away), Some(j + away)].into_iter().flatten() {
+            if let Some(&Some(column)) = in_row.get(row * side + i) {
+                let along = usize::from(column).abs_diff(i);
+                let found = row * side + usize::from(column);
+                nearest = nearest.min((along * along + away * away, found));
+            }
+        }
+        away += 1;
+    }
+    nearest.1
 }
 
 /// Contexts of a residual.

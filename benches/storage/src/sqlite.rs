@@ -52,6 +52,8 @@ impl Engine for Sqlite {
             Some(connection) => connection,
             None => connect(&self.path)?,
         };
+        // Else every look-up would lock the file and unlock it.
+        connection.execute_batch("begin")?;
         let get = connection.prepare_cached("select bytes from blocks where rank = ?1")?;
         run(&mut Reader {
             connection: &connection,
