@@ -3,6 +3,8 @@
 # make sweep   DATA=folder: builds, verifies and extracts every raster of a folder by every transform and coder at three errors and lossless
 # make peers   measures other codecs and ours on the same rasters at the same maximum errors; DATA=folder, ARGS=more options
 # make chart   the same for the charts of docs/charts/, and redraws them; ARGS=--redraw draws the last measurements again, IMAGE=file adds colour
+# make storage the same blocks in our file, LMDB, redb and SQLite: size, opening, look-ups, scans; FILE=x.kmb, ARGS="--grow MIB" repeats its blocks
+# make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
 
@@ -14,7 +16,7 @@ KMB := target/release/kmb
 PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick python3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo check deps build library examples header sweep peers chart clean
+.PHONY: demo check deps build library examples header sweep peers chart storage soak clean
 
 deps:
 	@missing=""; for p in $(PACKAGES); do dpkg -s $$p 2>/dev/null | grep -q '^Status: install ok installed' || missing="$$missing $$p"; done; \
@@ -56,6 +58,16 @@ chart:
 	cargo test --locked --test terrain depth -- --nocapture | grep -E '^(e|[0-9]+),' > docs/charts/depth.csv
 	bash benches/peers/run.sh chart $(if $(DATA),--data "$(abspath $(DATA))") $(ARGS)
 	$(if $(IMAGE),bash benches/peers/run.sh colour "$(abspath $(IMAGE))" --csv docs/charts/colour.csv --svg docs/charts/colour.svg)
+
+# Its own package, as check need not compile three databases.
+storage:
+	@mkdir -p target/storage
+	$(if $(FILE),,cargo build --release --locked && $(KMB) build data/srtm3_S33W071.tif -o target/storage/andes.kmb --max-error 12)
+	cargo run --release --locked --manifest-path benches/storage/Cargo.toml --target-dir target -- \
+		$(or $(FILE),target/storage/andes.kmb) --csv target/storage/measured.csv $(ARGS)
+
+soak:
+	KIMBERLITE_SOAK=1 cargo test --locked --test command_line damage:: -- --nocapture
 
 clean:
 	rm -rf target

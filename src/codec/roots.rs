@@ -84,19 +84,19 @@ impl<'a> RootCodec<'a> {
             valid: vec![0; side * side].into(),
         };
         let mut last = middle;
-        for (i, j, near, far) in order(self.lattice.cells() as i64) {
+        visit_inwards(self.lattice.cells() as i64, |i, j, around| {
             let at = placement.vertex(i as usize, j as usize);
             if !self.lattice.in_raster(at) {
-                continue;
+                return;
             }
-            let mut outlook = grid.look(i, j, near, far, last, quantiser.step());
+            let mut outlook = grid.look([i, j], around, last, quantiser.step());
             outlook.prediction = outlook.prediction.clamp(low, high);
             let index = (j * grid.side + i) as usize;
             let height = visit(at, index, outlook);
             grid.valid[index] = u8::from(height.is_some());
             grid.values[index] = height.unwrap_or(outlook.prediction);
             last = height.unwrap_or(last);
-        }
+        });
         grid
     }
 }
@@ -110,60 +110,58 @@ fn middle(quantiser: &Quantiser) -> i32 {
 /// Offsets of four vertices around one: opposite ones follow each other.
 type Cross = [[i64; 2]; 4];
 
-/// Every vertex (i, j) of a root of `cells` cells once, with the offsets of the 4 nearest and the 8 next nearest
-/// among those before it; the corners, which come first, have none. Step by step the distance between
-/// vertices is halved: centres of squares, then midpoints of their sides, row by row.
-fn order(cells: i64) -> impl Iterator<Item = (i64, i64, Option<Cross>, [Cross; 2])> {
-    let nothing = [[[0; 2]; 4]; 2];
-    let corners = [[0, 0], [cells, 0], [0, cells], [cells, cells]];
-    let corners = corners.map(|[i, j]| (i, j, None, nothing));
-    let halves = (0..cells.ilog2()).rev().map(|bits| 1i64 << bits);
-    let steps = halves.flat_map(move |half| {
-        let rows = (0..=cells / half).map(move |row| row * half);
-        let centres = rows
-            .clone()
-            .filter(move |j| j % (2 * half) != 0)
-            .flat_map(move |j| {
-                let columns = (0..cells / (2 * half)).map(move |column| (2 * column + 1) * half);
-                let near = [[-1, -1], [1, 1], [1, -1], [-1, 1]];
-                let far = [
-                    [[-1, -3], [1, 3], [-3, -1], [3, 1]],
-                    [[1, -3], [-1, 3], [3, -1], [-3, 1]],
-                ];
-                columns.map(move |i| {
-                    (
-                        i,
-                        j,
-                        Some(scale(near, half)),
-                        far.map(|far| scale(far, half)),
-                    )
-                })
-            });
-        let midpoints = rows.flat_map(move |j| {
-            let columns = (0..=cells / half).map(move |column| column * half);
-            let near = [[-1, 0], [1, 0], [0, -1], [0, 1]];
-            let far = [
-                [[-1, -2], [1, 2], [-2, -1], [2, 1]],
-                [[1, -2], [-1, 2], [2, -1], [-2, 1]],
-            ];
-            columns
-                .filter(move |i| (i + j) % (2 * half) != 0)
-                .map(move |i| {
-                    (
-                        i,
-                        j,
-                        Some(scale(near, half)),
-                        far.map(|far| scale(far, half)),
-                    )
-                })
-        });
-        centres.chain(midpoints)
-    });
-    corners.into_iter().chain(steps)
+/// Offsets of the vertices around one among those before it.
+struct Around {
+    /// The 4 nearest.
+    near: Cross,
+    /// The 8 next nearest.
+    far: [Cross; 2],
 }
 
-fn scale(cross: Cross, by: i64) -> Cross {
-    cross.map(|offset| offset.map(|along| along * by))
+const AROUND_CENTRE: Around = Around {
+    near: [[-1, -1], [1, 1], [1, -1], [-1, 1]],
+    far: [
+        [[-1, -3], [1, 3], [-3, -1], [3, 1]],
+        [[1, -3], [-1, 3], [3, -1], [-3, 1]],
+    ],
+};
+const AROUND_MIDPOINT: Around = Around {
+    near: [[-1, 0], [1, 0], [0, -1], [0, 1]],
+    far: [
+        [[-1, -2], [1, 2], [-2, -1], [2, 1]],
+        [[1, -2], [-1, 2], [2, -1], [-2, 1]],
+    ],
+};
+
+impl Around {
+    fn times(&self, by: i64) -> Around {
+        let scale = |cross: Cross| cross.map(|offset| offset.map(|along| along * by));
+        Around {
+            near: scale(self.near),
+            far: self.far.map(scale),
+        }
+    }
+}
+
+/// Visits every vertex (i, j) of a root of `cells` cells once; the corners, which come first, have none around.
+/// Step by step the distance between vertices is halved: centres of squares, then midpoints of their
+/// sides, row by row.
+fn visit_inwards(cells: i64, mut visit: impl FnMut(i64, i64, Option<&Around>)) {
+    for [i, j] in [[0, 0], [cells, 0], [0, cells], [cells, cells]] {
+        visit(i, j, None);
+    }
+    for half in (0..cells.ilog2()).rev().map(|bits| 1i64 << bits) {
+        let along = |first: i64| (first..=cells).step_by(2 * half as usize);
+        let around = AROUND_CENTRE.times(half);
+        for j in along(half) {
+            along(half).for_each(|i| visit(i, j, Some(&around)));
+        }
+        let around = AROUND_MIDPOINT.times(half);
+        for j in (0..=cells).step_by(half as usize) {
+            let first = half - j % (2 * half);
+            along(first).for_each(|i| visit(i, j, Some(&around)));
+        }
+    }
 }
 
 /// What is known of a vertex before it is coded.
@@ -184,26 +182,71 @@ struct Grid {
 }
 
 impl Grid {
-    /// Gives each vertex that is not valid the height of the nearest valid one, else `middle`.
+    /// Gives each vertex that is not valid the height of the nearest valid one, of several that of the first
+    /// row by row; `middle` where none is valid.
     fn carry_nearest(&mut self, middle: i32) {
         let side = self.side as usize;
-        let (valid, values) = (&self.valid, &mut self.values);
-        let known: Vec<usize> = (0..side * side)
-            .filter(|&index| valid[index] != 0)
-            .collect();
-        let nearest = |index: usize| {
-            let square = |other: usize| {
-                let (di, dj) = (
-                    (index % side).abs_diff(other % side),
-                    (index / side).abs_diff(other / side),
-                );
-                di * di + dj * dj
-            };
-            known.iter().copied().min_by_key(|&other| square(other))
+        let Some([least, greatest]) = self.bounds() else {
+            self.values.fill(middle);
+            return;
         };
-        for index in (0..side * side).filter(|&index| valid[index] == 0) {
-            values[index] = nearest(index).map_or(middle, |other| values[other]);
+        let mut in_row = None;
+        for index in (0..side * side).filter(|&index| self.valid[index] == 0) {
+            let at = [index % side, index / side];
+            // Nothing in their bounds is nearer than this, where it is one of them: so for all outside.
+            let [i, j] = [0, 1].map(|axis| at[axis].clamp(least[axis], greatest[axis]));
+            let nearest = if self.valid[j * side + i] != 0 {
+                j * side + i
+            } else {
+                nearest(
+                    at,
+                    side,
+                    in_row.get_or_insert_with(|| self.nearest_in_row()),
+                )
+            };
+            self.values[index] = self.values[nearest];
         }
+    }
+
+    /// The least and the greatest i and j of valid vertices.
+    fn bounds(&self) -> Option<[[usize; 2]; 2]> {
+        let side = self.side as usize;
+        let mut bounds: Option<[[usize; 2]; 2]> = None;
+        for (j, row) in self.valid.chunks(side).enumerate() {
+            let is_valid = |valid: &u8| *valid != 0;
+            let ends = row
+                .iter()
+                .position(is_valid)
+                .zip(row.iter().rposition(is_valid));
+            if let Some((first, last)) = ends {
+                let [least, greatest] = bounds.unwrap_or([[first, j], [last, j]]);
+                bounds = Some([[least[0].min(first), least[1]], [greatest[0].max(last), j]]);
+            }
+        }
+        bounds
+    }
+
+    /// For each vertex the column of the nearest valid one in its row, the left one of two.
+    fn nearest_in_row(&self) -> Vec<Option<u8>> {
+        let side = self.side as usize;
+        let mut nearest = vec![None; side * side];
+        for (valid, nearest) in self.valid.chunks(side).zip(nearest.chunks_mut(side)) {
+            let mut last: Option<usize> = None;
+            for (i, nearest) in nearest.iter_mut().enumerate() {
+                last = if valid[i] != 0 { Some(i) } else { last };
+                *nearest = last.map(|last| last as u8);
+            }
+            let mut next: Option<usize> = None;
+            for (i, nearest) in nearest.iter_mut().enumerate().rev() {
+                next = if valid[i] != 0 { Some(i) } else { next };
+                let is_nearer =
+                    |next: usize| nearest.is_none_or(|last| next - i < i - usize::from(last));
+                if let Some(next) = next.filter(|&next| is_nearer(next)) {
+                    *nearest = Some(next as u8);
+                }
+            }
+        }
+        nearest
     }
 
     fn get(&self, i: i64, j: i64) -> Option<i64> {
@@ -212,49 +255,75 @@ impl Grid {
         (inside && self.valid[index] != 0).then(|| i64::from(self.values[index]))
     }
 
+    /// The sum of four vertices, where all are valid.
+    fn sum(&self, [i, j]: [i64; 2], cross: &Cross) -> Option<i64> {
+        let mut sum = 0;
+        for [di, dj] in cross {
+            sum += self.get(i + di, j + dj)?;
+        }
+        Some(sum)
+    }
+
     /// Order 4 where its 12 vertices are valid, else order 2; else the mean of the opposite nearest that are
     /// valid, else of all nearest that are; else `last`.
-    fn look(
-        &self,
-        i: i64,
-        j: i64,
-        near: Option<Cross>,
-        far: [Cross; 2],
-        last: i32,
-        step: i32,
-    ) -> Outlook {
-        let around = |cross: Cross| cross.map(|[di, dj]| self.get(i + di, j + dj));
-        let near = near.map_or([None; 4], around);
-        let all = |of: [Option<i64>; 4]| Some(of[0]? + of[1]? + of[2]? + of[3]?);
-        let opposite = |at: usize| Some((near[at]? + near[at + 1]? + 1) >> 1);
-        let valid: Vec<i64> = near.into_iter().flatten().collect();
-        let prediction = match (all(near), all(around(far[0])), all(around(far[1]))) {
-            (Some(four), Some(one), Some(other)) => (10 * four - one - other + 16) >> 5,
-            (Some(four), ..) => (four + 2) >> 2,
-            _ => opposite(0).or_else(|| opposite(2)).unwrap_or_else(|| {
-                let count = valid.len() as i64;
-                let sum: i64 = valid.iter().sum();
-                if count == 0 {
-                    i64::from(last)
-                } else {
-                    (sum + count / 2).div_euclid(count)
+    fn look(&self, at: [i64; 2], around: Option<&Around>, last: i32, step: i32) -> Outlook {
+        let mut near = [None; 4];
+        let (mut count, mut sum) = (0, 0);
+        let (mut least, mut greatest) = (i64::MAX, i64::MIN);
+        if let Some(around) = around {
+            for (height, [di, dj]) in near.iter_mut().zip(around.near) {
+                *height = self.get(at[0] + di, at[1] + dj);
+                if let Some(height) = *height {
+                    count += 1;
+                    sum += height;
+                    (least, greatest) = (least.min(height), greatest.max(height));
                 }
-            }),
+            }
+        }
+        let prediction = match (around, count) {
+            (_, 0) => i64::from(last),
+            (Some(Around { far, .. }), 4) => {
+                let next = self.sum(at, &far[0]).zip(self.sum(at, &far[1]));
+                next.map_or((sum + 2) >> 2, |(one, other)| {
+                    (10 * sum - one - other + 16) >> 5
+                })
+            }
+            _ => {
+                let opposite = |first: usize| Some((near[first]? + near[first + 1]? + 1) >> 1);
+                let mean = || (sum + count / 2).div_euclid(count);
+                opposite(0).or_else(|| opposite(2)).unwrap_or_else(mean)
+            }
         };
-        let least = valid.iter().min().copied().unwrap_or(0);
-        let greatest = valid.iter().max().copied().unwrap_or(0);
-        let range = 2 * (greatest - least) / i64::from(step);
-        let length = (i64::BITS - range.leading_zeros()) as usize;
+        let context = if count < 2 {
+            CONTEXTS - 1
+        } else {
+            let range = 2 * (greatest - least) / i64::from(step);
+            ((i64::BITS - range.leading_zeros()) as usize).min(CONTEXTS - 2)
+        };
         Outlook {
             prediction: prediction.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32,
-            voids: 4 - valid.len(),
-            context: if valid.len() < 2 {
-                CONTEXTS - 1
-            } else {
-                length.min(CONTEXTS - 2)
-            },
+            voids: 4 - count as usize,
+            context,
         }
     }
+}
+
+/// The index of the valid vertex that is nearest to (i, j), of several the lowest, given those of [`Grid::nearest_in_row`].
+fn nearest([i, j]: [usize; 2], side: usize, in_row: &[Option<u8>]) -> usize {
+    // Square of the distance, and the index that decides among equal ones.
+    let mut nearest = (usize::MAX, 0);
+    let mut away = 0;
+    while away < side && away * away <= nearest.0 {
+        for row in [j.checked_sub(away), Some(j + away)].into_iter().flatten() {
+            if let Some(&Some(column)) = in_row.get(row * side + i) {
+                let along = usize::from(column).abs_diff(i);
+                let found = row * side + usize::from(column);
+                nearest = nearest.min((along * along + away * away, found));
+            }
+        }
+        away += 1;
+    }
+    nearest.1
 }
 
 /// Contexts of a residual.

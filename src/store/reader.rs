@@ -191,6 +191,7 @@ impl Store {
     }
 
     /// The verified page of a rank, its element of `verified`, and the rank's record in the page.
+    #[inline]
     fn locate<'a>(
         &'a self,
         rank: u64,
@@ -394,6 +395,7 @@ fn unverified(path: &Path, pages: u64) -> Result<Vec<AtomicU16>> {
 }
 
 /// `length` bytes at `offset` of a file; `what` names the place in errors.
+#[inline]
 fn read<'a>(
     path: &Path,
     bytes: &'a dyn Bytes,

@@ -100,6 +100,44 @@ fn a_full_disk_leaves_nothing() {
 }
 
 #[test]
+fn a_file_system_without_room_leaves_nothing() {
+    let folder = Folder::new();
+    let repository = folder.small_repository("small.kmb");
+    let mount = folder.path("mount");
+    std::fs::create_dir(&mount).unwrap();
+    let input = sample("jacksboro_fault_srtm3.tif");
+    // A small file system of its own, where this user may mount one.
+    let limited = |arguments: &[&Path]| -> Option<Run> {
+        let script = "mount -t tmpfs -o size=12k none \"$0\" || exit 77; \"$@\"; code=$?; ls -A \"$0\"; exit $code";
+        let mut shell = Command::new("unshare");
+        shell
+            .args(["--mount", "--map-root-user", "sh", "-c", script])
+            .arg(&mount)
+            .arg(env!("CARGO_BIN_EXE_kmb"))
+            .args(arguments);
+        let run: Run = shell.output().ok()?.into();
+        let is_possible = run.code != Some(77) && !run.stderr.starts_with("unshare:");
+        is_possible.then_some(run)
+    };
+    let [build, extract, o] = ["build", "extract", "-o"].map(Path::new);
+    let error = ["--max-error", "0"].map(Path::new);
+    let outputs = ["out.kmb", "out.tif"].map(|name| mount.join(name));
+    let runs = [
+        limited(&[build, &input, o, &outputs[0], error[0], error[1]]),
+        limited(&[extract, &repository, o, &outputs[1]]),
+    ];
+    for (run, output) in runs.into_iter().zip(&outputs) {
+        let Some(run) = run else {
+            println!("passed over: no file system can be mounted");
+            continue;
+        };
+        let name = output.file_name().and_then(|name| name.to_str()).unwrap();
+        // What is printed are the names that are left.
+        run.refuses(name, &["No space left"]);
+    }
+}
+
+#[test]
 fn a_result_that_cannot_be_printed_is_an_error() {
     let folder = Folder::new();
     let repository = folder.small_repository("a.kmb");

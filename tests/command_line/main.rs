@@ -1,8 +1,10 @@
 //! What `kmb` promises to scripts: its results, its keys, its exit codes and its messages.
 
 mod bad_input;
+mod damage;
 mod interruption;
 mod kmb;
 mod repair;
 mod results;
 mod resume;
+mod successor;

@@ -3,73 +3,13 @@
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 
-use kimberlite::store::{FileSink, Sink, Store, Writer};
+use kimberlite::store::{Store, Writer};
 use kimberlite::{Error, Result};
 
 use crate::content::{BOTH, Content, Folder};
-
-/// A real file whose calls go wrong as told.
-struct FaultySink {
-    inner: Box<FileSink>,
-    calls: Arc<AtomicUsize>,
-    /// The call that fails, and whether only that one does.
-    fail_at: usize,
-    fail_once: bool,
-    /// Most bytes of a write.
-    step: usize,
-    /// Bytes until the disk is full.
-    space: usize,
-    /// Every call of a write that is a multiple of this is interrupted.
-    interrupt_every: usize,
-}
-
-impl FaultySink {
-    fn new(path: &Path) -> FaultySink {
-        FaultySink {
-            inner: Box::new(FileSink::create(path).unwrap()),
-            calls: Arc::default(),
-            fail_at: usize::MAX,
-            fail_once: false,
-            step: usize::MAX,
-            space: usize::MAX,
-            interrupt_every: usize::MAX,
-        }
-    }
-
-    fn call(&self) -> io::Result<usize> {
-        let call = self.calls.fetch_add(1, Ordering::Relaxed) + 1;
-        if call == self.fail_at || call > self.fail_at && !self.fail_once {
-            return Err(io::Error::other("injected"));
-        }
-        Ok(call)
-    }
-}
-
-impl Sink for FaultySink {
-    fn write_at(&mut self, offset: u64, bytes: &[u8]) -> io::Result<usize> {
-        if self.call()?.is_multiple_of(self.interrupt_every) {
-            return Err(io::ErrorKind::Interrupted.into());
-        }
-        if self.space == 0 {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        let length = bytes.len().min(self.step).min(self.space);
-        self.space -= length;
-        self.inner.write_at(offset, &bytes[..length])
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        self.call()?;
-        self.inner.sync()
-    }
-
-    fn publish(self: Box<Self>) -> io::Result<()> {
-        self.call()?;
-        self.inner.publish()
-    }
-}
+use crate::faulty_sink::{Fault, FaultySink};
 
 /// Writes 70 small blocks through a sink.
 fn write(folder: &Folder, change: impl Fn(&mut FaultySink)) -> (Result<u64>, usize) {
@@ -100,10 +40,10 @@ fn a_failure_at_the_nth_call_leaves_something() {
         assert_whole(&folder);
         assert!(calls >= 6);
         for fail_at in 1..=calls {
-            for fail_once in [false, true] {
+            for fault in [Fault::Error, Fault::OneError, Fault::TornError] {
                 let folder = Folder::new();
                 let (result, _) = write(&folder, |sink| {
-                    (sink.step, sink.fail_at, sink.fail_once) = (step, fail_at, fail_once);
+                    (sink.step, sink.fault_at, sink.fault) = (step, fail_at, fault);
                 });
                 let error = result.unwrap_err();
                 assert!(matches!(error, Error::Io { .. }));
@@ -129,7 +69,9 @@ fn a_failure_takes_the_file_that_was_there() {
     let (_, calls) = write(&Folder::new(), |_| ());
     for fail_at in 1..=calls {
         std::fs::write(folder.file(), b"older").unwrap();
-        write(&folder, |sink| sink.fail_at = fail_at).0.unwrap_err();
+        write(&folder, |sink| sink.fault_at = fail_at)
+            .0
+            .unwrap_err();
         assert_eq!(folder.names(), ["terrain.kmb"]);
         assert_eq!(std::fs::read(folder.file()).unwrap(), b"older");
     }
@@ -182,7 +124,7 @@ fn a_write_error_that_was_ignored_ends_in_a_published_file() {
     let mut content = Content::small(70);
     content.blocks.fill(vec![3; 60_000]);
     let mut sink = FaultySink::new(&folder.file());
-    (sink.fail_at, sink.fail_once) = (2, true);
+    (sink.fault_at, sink.fault) = (2, Fault::OneError);
     let mut writer =
         Writer::with_sink(&folder.file(), Box::new(sink), &content.header, b"", b"").unwrap();
     let mut refused = 0;

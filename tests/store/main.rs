@@ -2,9 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may panic")]
 
+mod build_faults;
 mod content;
 mod damage;
 mod faults;
+mod faulty_sink;
 mod layout;
 mod repair;
 mod round_trip;

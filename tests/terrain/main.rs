@@ -4,6 +4,7 @@ mod against_reference;
 mod depth;
 mod elevation;
 mod filters;
+mod golden;
 mod memory;
 mod methods;
 mod pyramid;
