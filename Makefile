@@ -4,7 +4,8 @@
 # make peers   measures other codecs and ours on the same rasters at the same maximum errors; DATA=folder, ARGS=more options
 # make chart   the same for the charts of docs/charts/, and redraws them; ARGS=--redraw draws the last measurements again, IMAGE=file adds colour
 # make storage the same blocks in our file, LMDB, redb and SQLite: size, opening, look-ups, scans; FILE=x.kmb, ARGS="--grow MIB" repeats its blocks
-# make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads
+# make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads; a build killed at fifty
+#              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
 
@@ -67,7 +68,7 @@ storage:
 		$(or $(FILE),target/storage/andes.kmb) --csv target/storage/measured.csv $(ARGS)
 
 soak:
-	KIMBERLITE_SOAK=1 cargo test --locked --test command_line damage:: -- --nocapture
+	KIMBERLITE_SOAK=1 cargo test --locked --release --test command_line -- --nocapture --test-threads 1 damage:: resume:: large::
 
 clean:
 	rm -rf target

@@ -4,6 +4,7 @@ mod bad_input;
 mod damage;
 mod interruption;
 mod kmb;
+mod large;
 mod repair;
 mod results;
 mod resume;
