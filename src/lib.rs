@@ -23,6 +23,7 @@ pub mod ffi;
 pub mod geo;
 pub mod lattice;
 mod log;
+mod positioned;
 pub mod schedule;
 pub mod store;
 pub mod tool;
