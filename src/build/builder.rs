@@ -192,7 +192,8 @@ fn build_in(
     let samples = u64::from(info.width) * u64::from(info.height);
     let is_filtering = options.transform != TransformKind::Interpolating;
     let total = samples * (3 + u64::from(is_filtering));
-    let plane = Plane::read(source, workspace, |done| progress(done, total))?;
+    let threads = thread_count(options.threads);
+    let plane = Plane::read(source, workspace, threads, |done| progress(done, total))?;
     let mut done = samples;
     let mut step = |samples: u64| {
         done += samples;
@@ -203,7 +204,6 @@ fn build_in(
         }
     };
     let (mut components, is_exact) = choose_components(&plane, &info, options)?;
-    let threads = thread_count(options.threads);
     let filters = components.transforms(options.transform, lattice.cells());
     let levels = Levels::new(lattice, &plane, &components, &filters, threads, &mut step)?;
     if let Some(limit) = options.rms_error {

@@ -1,6 +1,7 @@
 //! The whole raster, in memory or in a temporary file.
 
 use super::source::RasterSource;
+use super::workers::map_in_order;
 use super::workspace::{Spill, Workspace};
 use crate::geo::{RasterInfo, SampleType};
 use crate::lattice::CentreRun;
@@ -33,6 +34,8 @@ const NUMBERS: &str = "samples";
 const SAVED: &str = "plane";
 /// Samples asked of a source at a time.
 const BAND_SAMPLES: usize = 1 << 20;
+/// Of those, samples looked at by one thread.
+const PIECE_SAMPLES: usize = 1 << 16;
 
 impl Plane {
     /// Bytes that a number of this type is kept in.
@@ -49,6 +52,7 @@ impl Plane {
     pub(super) fn read(
         source: &mut dyn RasterSource,
         workspace: &Workspace,
+        threads: usize,
         mut progress: impl FnMut(u64) -> bool,
     ) -> Result<Plane> {
         if let Some(saved) = workspace.load(SAVED)? {
@@ -76,7 +80,7 @@ impl Plane {
             let end = (row + band_rows).min(height);
             band.resize((end - row) * width * bands, f64::NAN);
             source.read_rows(&mut band)?;
-            plane.take(&band, row * width, source.info())?;
+            plane.take(&band, row * width, source.info(), threads)?;
             if !progress((end * width) as u64) {
                 return Err(Error::Cancelled);
             }
@@ -108,12 +112,44 @@ impl Plane {
     }
 
     /// Keeps the samples from number `start` on, and what is to be said of all of them.
-    fn take(&mut self, numbers: &[f64], start: usize, info: &RasterInfo) -> Result<()> {
-        let [mut low, mut high] = self.sample_range;
+    fn take(
+        &mut self,
+        numbers: &[f64],
+        start: usize,
+        info: &RasterInfo,
+        threads: usize,
+    ) -> Result<()> {
+        let pieces: Vec<&[f64]> = numbers.chunks(PIECE_SAMPLES * self.bands).collect();
+        let work = |index: usize| {
+            let told = self.look(pieces[index], start + index * PIECE_SAMPLES, info)?;
+            let bytes: Vec<u8> = if self.is_narrow {
+                let narrow = pieces[index].iter().map(|&number| number as f32);
+                narrow.flat_map(f32::to_ne_bytes).collect()
+            } else {
+                bytemuck::cast_slice(pieces[index]).to_vec()
+            };
+            Ok((told, bytes))
+        };
+        let ([mut low, mut high], mut voids) = (self.sample_range, self.void_samples);
+        let mut kept = Vec::with_capacity(pieces.len());
+        map_in_order::<_, Error>(threads, pieces.len(), work, |_, done| {
+            let (([least, greatest], own_voids), bytes) = done?;
+            (low, high) = (low.min(least), high.max(greatest));
+            voids += own_voids;
+            kept.push(bytes);
+            Ok(())
+        })?;
+        (self.sample_range, self.void_samples) = ([low, high], voids);
+        kept.iter().try_for_each(|bytes| self.numbers.append(bytes))
+    }
+
+    /// Least and greatest number of valid samples, of which the first has this number, and how many are void.
+    fn look(&self, numbers: &[f64], start: usize, info: &RasterInfo) -> Result<([f64; 2], u64)> {
         let what = if self.bands == 1 { "height" } else { "colour" };
+        let ([mut low, mut high], mut voids) = ([f64::INFINITY, f64::NEG_INFINITY], 0);
         for (offset, sample) in numbers.chunks_exact(self.bands).enumerate() {
             if is_void(sample) {
-                self.void_samples += 1;
+                voids += 1;
                 continue;
             }
             for &number in sample {
@@ -130,13 +166,7 @@ impl Plane {
                 high = high.max(number);
             }
         }
-        self.sample_range = [low, high];
-        if self.is_narrow {
-            let narrow: Vec<f32> = numbers.iter().map(|&number| number as f32).collect();
-            self.numbers.append(bytemuck::cast_slice(&narrow))
-        } else {
-            self.numbers.append(bytemuck::cast_slice(numbers))
-        }
+        Ok(([low, high], voids))
     }
 
     /// How many samples there are, valid and void.
