@@ -417,7 +417,9 @@ fn code<'a>(
         }
     };
     let coded = code(adaptive, step)?;
-    if !adaptive || options.tables.is_some() || !coded.has_dear_tables() {
+    // Two-stage's details are what filters left: weights often gain nothing there.
+    let may_lose = coded.has_dear_tables() || options.transform == TransformKind::TwoStage;
+    if !adaptive || options.tables.is_some() || !may_lose {
         return Ok(coded);
     }
     let fixed = code(false, &mut |_| step(0))?;

@@ -146,7 +146,7 @@ proptest! {
 }
 
 /// Bytes of a file of `data/` by the fixed rule, and by trained prediction.
-fn bytes_of(name: &str, max_error: f64) -> [u64; 2] {
+fn bytes_of(name: &str, transform: TransformKind, max_error: f64) -> [u64; 2] {
     let input = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("data")
         .join(name);
@@ -155,6 +155,7 @@ fn bytes_of(name: &str, max_error: f64) -> [u64; 2] {
     let bytes = [false, true].map(|adaptive| {
         let mut source = open(&input, &SourceOptions::default()).unwrap();
         let options = BuildOptions {
+            transform,
             max_error,
             adaptive: Some(adaptive),
             ..BuildOptions::default()
@@ -172,15 +173,24 @@ fn bytes_of(name: &str, max_error: f64) -> [u64; 2] {
 
 #[test]
 fn adapting_saves_in_a_city_and_costs_next_to_nothing_on_natural_ground() {
-    let [fixed, adaptive] = bytes_of("delft_dsm_0.5m_1.tif", 0.1);
+    let [fixed, adaptive] = bytes_of("delft_dsm_0.5m_1.tif", TransformKind::Interpolating, 0.1);
     assert!(100 * adaptive <= 92 * fixed, "{adaptive} against {fixed}");
-    for (name, max_error) in [
-        ("puget_sound_1025_decimetres.png", 10.0),
-        ("srtm3_N49W123.tif", 2.0),
-        ("srtm3_S33W071.tif", 2.0),
-        ("jacksboro_fault_srtm3.tif", 0.0),
+    for (name, transform, max_error) in [
+        (
+            "puget_sound_1025_decimetres.png",
+            TransformKind::Interpolating,
+            10.0,
+        ),
+        ("srtm3_N49W123.tif", TransformKind::Interpolating, 2.0),
+        ("srtm3_S33W071.tif", TransformKind::Interpolating, 2.0),
+        ("srtm3_S33W071.tif", TransformKind::TwoStage, 0.0),
+        (
+            "jacksboro_fault_srtm3.tif",
+            TransformKind::Interpolating,
+            0.0,
+        ),
     ] {
-        let [fixed, adaptive] = bytes_of(name, max_error);
+        let [fixed, adaptive] = bytes_of(name, transform, max_error);
         assert!(
             1000 * adaptive <= 1005 * fixed,
             "{name}: {adaptive} against {fixed}"
