@@ -173,10 +173,12 @@ pub fn build_into(
     );
     match built {
         // A rerun goes on, or says the same until the store is removed.
-        Err(Error::Cancelled | Error::Damaged { .. }) => {}
-        _ => workspace.remove()?,
+        Err(Error::Cancelled | Error::Damaged { .. }) => built,
+        _ => {
+            let removed = workspace.remove();
+            built.and_then(|report| removed.map(|()| report))
+        }
     }
-    built
 }
 
 fn build_in(
@@ -269,7 +271,7 @@ fn choose_workspace(info: &RasterInfo, options: &BuildOptions, output: &Path) ->
     // Heights of the input; decoded vertices and centres of all levels, drafts of the last one, and blocks.
     let filtered = if is_filtering { Filtered::BYTES } else { 0 };
     let number = Plane::number_bytes(info.sample_type) + filtered + DECODED_BYTES;
-    let needed = |number: u64| OTHER_BYTES + samples.saturating_mul(bands * number);
+    let needed = |number: u64| OTHER_BYTES.saturating_add(samples.saturating_mul(bands * number));
     if needed(number) <= memory {
         return Ok(Workspace::Memory);
     }

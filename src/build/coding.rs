@@ -96,22 +96,11 @@ impl<'a> Coding<'a, '_> {
         step: &mut dyn FnMut(u64) -> Result<()>,
     ) -> Result<Coded<'a>> {
         let (mut coded, mut start) = self.begin(step)?;
-        let groups = coded.model.as_ref().map(Model::groups);
-        let mut groups = groups.unwrap_or_default();
         let components = self.levels.components.count();
-        loop {
-            let done = groups.clone();
-            coded.model = Some(Model::new(adaptive, listed.clone(), components, done));
-            if start > 0 {
-                let before = groups
-                    .len()
-                    .checked_sub(2)
-                    .map_or(0, |group| groups[group].1);
-                self.save(&mut coded, before..start)?;
-            }
-            if start >= self.levels.lattice.levels() {
-                return Ok(coded);
-            }
+        let model_of = |groups| Model::new(adaptive, listed.clone(), components, groups);
+        let mut groups = coded.model.as_ref().map_or_else(Vec::new, Model::groups);
+        coded.model.get_or_insert_with(|| model_of(Vec::new()));
+        while start < self.levels.lattice.levels() {
             let end = self.group_end(start);
             let weights = match known {
                 Some(model) => self.weights_of(model.level(start)),
@@ -133,8 +122,11 @@ impl<'a> Coding<'a, '_> {
             };
             self.finish(&drafts, &model, &mut coded.blocks)?;
             groups.push((model, end));
+            coded.model = Some(model_of(groups.clone()));
+            self.save(&mut coded, start..end)?;
             start = end;
         }
+        Ok(coded)
     }
 
     /// Nothing coded yet but the root; or what was saved, with the number of levels coded.
@@ -148,7 +140,9 @@ impl<'a> Coding<'a, '_> {
             blocks = Some(Records::restore(self.workspace, BLOCKS, &seal)?);
             let (matrices, count) = (self.blocks.matrices(), self.levels.components.count());
             if let Some(bytes) = self.workspace.load(MODEL)? {
-                model = Model::from_bytes(&bytes, levels, matrices, count);
+                let restored = Model::from_bytes(&bytes, levels, matrices, count);
+                let damaged = || self.workspace.damaged("its weights and tables");
+                model = Some(restored.ok_or_else(damaged)?);
             }
             let samples = (0..levels).map(|level| self.samples(level));
             step(samples.sum())?;

@@ -12,6 +12,8 @@ pub type Identity = Vec<(String, String)>;
 const ENTRIES: TableDefinition<&str, &[u8]> = TableDefinition::new("entries");
 /// The entry of the identity.
 const IDENTITY: &str = "identity";
+/// The file of the entries.
+const DATABASE: &str = "store.redb";
 /// Bytes of memory for redb.
 const CACHE: usize = 4 << 20;
 
@@ -31,13 +33,20 @@ impl WorkingStore {
     pub(super) fn open(output: &Path, identity: &Identity) -> Result<WorkingStore> {
         let folder = folder_for(output);
         std::fs::create_dir_all(&folder).map_err(Error::io(&folder, "cannot make the folder"))?;
-        let path = folder.join("store.redb");
-        let opened = Database::builder().set_cache_size(CACHE).create(&path);
-        let database = opened.map_err(|error| match error {
-            DatabaseError::DatabaseAlreadyOpen => {
-                Error::Argument(format!("{}: another build is using it", folder.display()))
+        let path = folder.join(DATABASE);
+        let create = || Database::builder().set_cache_size(CACHE).create(&path);
+        let opened = match create() {
+            Err(error) if !is_in_use(&error) && is_just_begun(&folder) => {
+                std::fs::remove_file(&path).map_err(Error::io(&path, "cannot remove"))?;
+                create()
             }
-            error => damaged(&folder, error),
+            opened => opened,
+        };
+        let database = opened.map_err(|error| {
+            if is_in_use(&error) {
+                return Error::Argument(format!("{}: another build is using it", folder.display()));
+            }
+            damaged(&folder, error)
         })?;
         let store = WorkingStore { folder, database };
         match store.get(IDENTITY)? {
@@ -97,8 +106,8 @@ impl WorkingStore {
     }
 }
 
-/// Removes what unfinished builds of an output left: the working store, and temporary files with its name. Returns
-/// what was removed.
+/// Removes what unfinished builds of an output left: the working store, and temporary files with its name. Not for
+/// while one is running: only a working store tells that. Returns what was removed.
 ///
 /// # Errors
 ///
@@ -107,13 +116,8 @@ pub fn clean(output: &Path) -> Result<Vec<PathBuf>> {
     let (folder, parent) = (folder_for(output), super::workspace::folder_of(output));
     let mut removed = Vec::new();
     if folder.is_dir() {
-        let path = folder.join("store.redb");
-        if path.exists()
-            && matches!(
-                Database::open(&path),
-                Err(DatabaseError::DatabaseAlreadyOpen)
-            )
-        {
+        let path = folder.join(DATABASE);
+        if path.exists() && Database::open(&path).is_err_and(|error| is_in_use(&error)) {
             let message = format!("{}: a build is using it", folder.display());
             return Err(Error::Argument(message));
         }
@@ -125,7 +129,10 @@ pub fn clean(output: &Path) -> Result<Vec<PathBuf>> {
     for entry in entries {
         let path = entry.map_err(Error::io(&parent, "cannot list"))?.path();
         let name = path.file_name().unwrap_or_default().as_encoded_bytes();
-        if name.starts_with(prefix.as_encoded_bytes()) && name.ends_with(b".part") {
+        let middle = name.strip_prefix(prefix.as_encoded_bytes());
+        let middle = middle.and_then(|rest| rest.strip_suffix(b".part"));
+        // A dot would be one of another output's name.
+        if middle.is_some_and(|middle| !middle.contains(&b'.')) {
             std::fs::remove_file(&path).map_err(Error::io(&path, "cannot remove"))?;
             removed.push(path);
         }
@@ -136,6 +143,16 @@ pub fn clean(output: &Path) -> Result<Vec<PathBuf>> {
 /// The folder of an output's working store.
 pub(super) fn folder_for(output: &Path) -> PathBuf {
     super::workspace::folder_of(output).join(dotted(output, ".work"))
+}
+
+fn is_in_use(error: &DatabaseError) -> bool {
+    matches!(error, DatabaseError::DatabaseAlreadyOpen)
+}
+
+/// Whether nothing but the database is there: its maker was killed before it put anything, perhaps half-way.
+fn is_just_begun(folder: &Path) -> bool {
+    let mut entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.all(|entry| entry.file_name() == DATABASE)
 }
 
 /// `.NAME` and an end.

@@ -4,6 +4,7 @@ use super::working_store::WorkingStore;
 use crate::positioned::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 use std::fs::{File, OpenOptions};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -50,6 +51,17 @@ impl Workspace {
             .map(|(key, value)| (format!("{part}/{key}"), value))
             .collect();
         store.put(&entries)
+    }
+
+    /// Something of the working store is not as it was written.
+    pub(super) fn damaged(&self, what: &str) -> Error {
+        let folder = match self {
+            Workspace::Memory => Path::new(""),
+            Workspace::Folder(folder) => folder,
+            Workspace::Store(store, _) => &store.folder,
+        };
+        let message = format!("{what}: not as it was written: remove it by kmb clean");
+        Error::damaged(folder, message)
     }
 
     /// Removes the working store.
@@ -145,20 +157,24 @@ impl Spill {
         let length = length.try_into().map_or(0, u64::from_ne_bytes);
         let folder = store.folder.clone();
         let path = folder.join(format!("{part}-{name}"));
+        let cannot_read = |error: io::Error| match error.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::UnexpectedEof => {
+                workspace.damaged(&format!("{part}-{name}"))
+            }
+            _ => Error::io(&folder, "cannot read a file in")(error),
+        };
         let file = OpenOptions::new().read(true).write(true).open(path);
-        let file = file.map_err(Error::io(&folder, "cannot open a file in"))?;
+        let file = file.map_err(cannot_read)?;
         let (mut found, mut offset) = (crc32fast::Hasher::new(), 0);
         let mut buffer = Vec::new();
         while offset < length {
             buffer.resize((length - offset).min(BUFFER_LENGTH as u64) as usize, 0);
-            read_exact_at(&file, offset, &mut buffer)
-                .map_err(Error::io(&folder, "cannot read a file in"))?;
+            read_exact_at(&file, offset, &mut buffer).map_err(cannot_read)?;
             found.update(&buffer);
             offset += buffer.len() as u64;
         }
         if found.clone().finalize().to_ne_bytes() != checksum {
-            let message = format!("{part}-{name} is not as it was written: remove it by kmb clean");
-            return Err(Error::damaged(&folder, message));
+            return Err(workspace.damaged(&format!("{part}-{name}")));
         }
         file.set_len(length)
             .map_err(Error::io(&folder, "cannot shorten a file in"))?;

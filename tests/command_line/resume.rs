@@ -113,6 +113,25 @@ fn an_unfinished_build_of_other_options_is_told_and_can_be_removed() {
 }
 
 #[test]
+fn a_store_whose_maker_was_killed_half_way_does_not_stand_in_the_way() {
+    let folder = Folder::new();
+    let output = folder.path("a.kmb");
+    let store = folder.path(".a.kmb.work");
+    for length in [0, 5, 4096, 100_000] {
+        std::fs::create_dir(&store).unwrap();
+        std::fs::write(store.join("store.redb"), vec![0; length]).unwrap();
+        assert_eq!(build(&output, "40"), 0);
+        assert!(!store.exists());
+    }
+    // The files of another output stay.
+    let other = folder.write(".a.kmb.kmb.abc123.part", b"");
+    folder.write(".a.kmb.abc123.part", b"");
+    let cleaned = kmb!["clean", &output, "--json"].succeeds();
+    assert_eq!(cleaned.json()["removed"], 1);
+    assert!(other.exists());
+}
+
+#[test]
 fn a_working_store_is_one_builds_alone_and_trusted_by_its_checksums() {
     let folder = Folder::new();
     let output = folder.path("a.kmb");

@@ -47,7 +47,7 @@ pub enum Command {
     Fly(Fly),
     /// Measure how fast blocks are read and decoded
     Bench { file: PathBuf },
-    /// Remove what unfinished builds of an output left beside it
+    /// Remove what unfinished builds of an output left beside it; not while one is running
     Clean { output: PathBuf },
     /// The height at a place in the raster's reference system
     #[command(allow_negative_numbers = true)]
