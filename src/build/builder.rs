@@ -1,6 +1,6 @@
 //! The builder: samples to blocks, level by level, each going on from what the decoder returns.
 
-use super::coding::{Coded, Coding, check_model, list_heights};
+use super::coding::{Coded, Coding, check_model, list_heights, list_of_tables};
 use super::descent::{Descent, Input};
 use super::filtered::Filtered;
 use super::leaf::walk_tiles;
@@ -452,7 +452,10 @@ impl<'a> Coders<'a> {
         let roots = RootCodec::new(lattice, components.quantisers(&transforms, None));
         let listed = match (components, kind) {
             (Components::Height(units), TransformKind::Interpolating) if adaptive => {
-                list_heights(levels.plane, units)?
+                match &options.tables {
+                    Some(model) => list_of_tables(model, levels.plane, units)?,
+                    None => list_heights(levels.plane, units)?,
+                }
             }
             _ => None,
         };

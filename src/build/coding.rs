@@ -316,6 +316,20 @@ pub(super) fn list_heights(plane: &Plane, units: &Units) -> Result<Option<Listed
     Ok(ListedHeights::new(units.range[0], &present))
 }
 
+/// The list that comes with tables, where a raster is lossless and has no other heights; then it goes without.
+pub(super) fn list_of_tables(
+    model: &Model,
+    plane: &Plane,
+    units: &Units,
+) -> Result<Option<ListedHeights>> {
+    let Some(listed) = model.listed.as_ref().filter(|_| units.bound == 0) else {
+        return Ok(None);
+    };
+    let is_listed = |height: &f64| height.is_nan() || listed.contains(units.to_unit(*height));
+    let has_others = !plane.all_rows(|row| row.iter().all(is_listed))?;
+    Ok((!has_others).then(|| listed.clone()))
+}
+
 /// Refuses a model that was trained on data of another shape.
 pub(super) fn check_model(
     model: &Model,

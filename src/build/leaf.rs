@@ -4,8 +4,8 @@ use super::descent::Descent;
 use super::plane::{Scratch, is_void};
 use super::workers::map_in_order;
 use crate::Result;
-use crate::codec::Components;
-use crate::lattice::{Diamond, centre_runs};
+use crate::codec::{Components, Matrix};
+use crate::lattice::{Diamond, Lattice, centre_runs};
 
 /// Samples along a tile's side, the last of which are the first of the next tile.
 const TILE: i64 = 256;
@@ -100,26 +100,85 @@ impl Tile {
         Ok(tile)
     }
 
+    /// A tile of heights beside no samples, out of the vertices and centres, on the leaf level, of each diamond
+    /// of the last refinable level, which have them all.
+    pub(super) fn of_heights(
+        lattice: &Lattice,
+        [first, last]: [[i64; 2]; 2],
+        mut matrices: impl FnMut(Diamond, &mut dyn FnMut(&Matrix, &Matrix)) -> Result<()>,
+    ) -> Result<Tile> {
+        let count = ((last[0] - first[0] + 1) * (last[1] - first[1] + 1)) as usize;
+        let mut tile = Tile {
+            first,
+            last,
+            heights: vec![0; count],
+            voids: vec![false; count],
+            any_void: false,
+            given: Vec::new(),
+        };
+        let side = lattice.cells() + 1;
+        for diamond in lattice.diamonds_around(lattice.levels() - 1, first, last) {
+            matrices(diamond, &mut |vertices, centres| {
+                tile.put_vertices(lattice, diamond, vertices, 0..side);
+                tile.put_centres(lattice, diamond, centres);
+            })?;
+        }
+        tile.any_void = tile.voids.contains(&true);
+        Ok(tile)
+    }
+
+    /// The part of a tile of heights in a smaller rectangle.
+    pub(super) fn part(&self, [first, last]: [[i64; 2]; 2]) -> Tile {
+        let rows = || (first[1]..=last[1]).map(|row| self.index([first[0], row]));
+        let width = (last[0] - first[0] + 1) as usize;
+        let voids: Vec<bool> = rows()
+            .flat_map(|start| self.voids[start..start + width].iter().copied())
+            .collect();
+        Tile {
+            first,
+            last,
+            heights: rows()
+                .flat_map(|start| self.heights[start..start + width].iter().copied())
+                .collect(),
+            any_void: voids.contains(&true),
+            voids,
+            given: Vec::new(),
+        }
+    }
+
+    /// Gives a sample of a tile of heights another one; `None` makes it void.
+    pub(super) fn set(&mut self, at: [i64; 2], height: Option<i32>) {
+        let index = self.index(at);
+        self.voids[index] = height.is_none();
+        self.heights[index] = height.unwrap_or_default();
+        self.any_void = self.any_void || height.is_none();
+    }
+
+    /// The height of a sample; `None` for a void.
+    pub(super) fn height(&self, at: [i64; 2]) -> Option<i32> {
+        let index = self.index(at);
+        (!self.voids[index]).then(|| self.heights[index])
+    }
+
     /// Puts all heights that were decoded at their places, those of finer levels over those of coarser ones.
     fn decode(&mut self, descent: &Descent) -> Result<()> {
         let lattice = descent.levels.lattice;
         let side = lattice.cells() + 1;
-        self.put_vertices(descent, lattice.root(), &descent.root.values, 0..side);
+        self.put_vertices(lattice, lattice.root(), &descent.root, 0..side);
         for level in 0..lattice.levels() {
             for diamond in lattice.diamonds_around(level, self.first, self.last) {
                 let refined = descent.refined(diamond)?;
-                self.put_centres(descent, diamond, &refined.centres.values);
+                self.put_centres(lattice, diamond, &refined.centres);
                 if let Some(vertices) = &refined.vertices {
                     // Those on the boundary are of a coarser level.
-                    self.put_vertices(descent, diamond, &vertices.values, 1..side - 1);
+                    self.put_vertices(lattice, diamond, vertices, 1..side - 1);
                 }
             }
         }
         Ok(())
     }
 
-    fn put_centres(&mut self, descent: &Descent, diamond: Diamond, centres: &[i32]) {
-        let lattice = descent.levels.lattice;
+    fn put_centres(&mut self, lattice: &Lattice, diamond: Diamond, centres: &Matrix) {
         let (cells, count) = (lattice.cells(), self.voids.len());
         for run in centre_runs(lattice.placement(diamond), cells) {
             let run = run.within(self.first[0], self.last[0]);
@@ -128,7 +187,7 @@ impl Tile {
                 continue;
             };
             let start = self.index([run.column, run.row]);
-            let own = centres.chunks_exact(cells * cells);
+            let own = centres.values.chunks_exact(cells * cells);
             for (heights, own) in self.heights.chunks_exact_mut(count).zip(own) {
                 let places = heights[start..].iter_mut().step_by(run.step as usize);
                 let own = own[run.index..].iter().step_by(run.stride).take(run.count);
@@ -136,17 +195,26 @@ impl Tile {
                     *height = decoded;
                 }
             }
+            if let Some(valid) = &centres.valid {
+                let places = self.voids[start..].iter_mut().step_by(run.step as usize);
+                let own = valid[run.index..]
+                    .iter()
+                    .step_by(run.stride)
+                    .take(run.count);
+                for (is_void, &valid) in places.zip(own) {
+                    *is_void = valid == 0;
+                }
+            }
         }
     }
 
     fn put_vertices(
         &mut self,
-        descent: &Descent,
+        lattice: &Lattice,
         diamond: Diamond,
-        vertices: &[i32],
+        vertices: &Matrix,
         indices: std::ops::Range<usize>,
     ) {
-        let lattice = descent.levels.lattice;
         let placement = lattice.placement(diamond);
         let (side, count) = (lattice.cells() + 1, self.voids.len());
         for j in indices.clone() {
@@ -156,10 +224,11 @@ impl Tile {
                     continue;
                 }
                 let index = self.index(at);
-                let own = vertices.chunks_exact(side * side);
+                let own = vertices.values.chunks_exact(side * side);
                 for (heights, own) in self.heights.chunks_exact_mut(count).zip(own) {
                     heights[index] = own[j * side + i];
                 }
+                self.voids[index] = !vertices.is_valid(j * side + i);
             }
         }
     }

@@ -12,10 +12,12 @@ mod rms;
 pub mod source;
 mod summaries;
 mod surface;
+mod update;
 mod workers;
 mod working_store;
 mod workspace;
 
 pub use bound::longest_repository;
 pub use builder::{BuildOptions, BuildReport, build, build_into};
+pub use update::{Predecessor, Replaced, Replacement, replace};
 pub use working_store::{Identity, clean};

@@ -16,11 +16,25 @@ pub(super) struct Finding {
 }
 
 impl Finding {
+    /// Of a part without voids.
+    pub(super) fn of_distance(distance: f64) -> Finding {
+        Finding {
+            distance,
+            any_surface: true,
+            any_void: false,
+        }
+    }
+
     /// Takes in what another part shows.
     pub(super) fn merge(&mut self, other: Finding) {
         self.distance = self.distance.max(other.distance);
         self.any_void |= other.any_void;
         self.any_surface |= other.any_surface;
+    }
+
+    /// Whether the part shows a void.
+    pub(super) fn shows_void(&self) -> bool {
+        self.any_void
     }
 
     /// The error: infinite where the diamond's triangles cover a void or leave ground bare.
@@ -43,18 +57,10 @@ struct Axes {
 
 impl Axes {
     fn of(lattice: &Lattice, diamond: Diamond) -> Axes {
-        let placement = lattice.placement(diamond);
-        let turned = diamond.level() % 2 == 1;
-        // On a turned square u = dx - dy and v = dx + dy, which advance by 2 a column of its diagonal.
-        let extent = if turned {
-            2 * placement.ax[0]
-        } else {
-            placement.ax[0]
-        };
         Axes {
-            origin: placement.origin,
-            turned,
-            extent,
+            origin: lattice.placement(diamond).origin,
+            turned: diamond.level() % 2 == 1,
+            extent: extent_of(lattice, diamond),
         }
     }
 
@@ -68,6 +74,13 @@ impl Axes {
     }
 }
 
+/// The longest side of a diamond's triangles along columns and rows, in samples.
+pub(super) fn extent_of(lattice: &Lattice, diamond: Diamond) -> i64 {
+    // On a turned square u = dx - dy and v = dx + dy, which advance by 2 a column of its diagonal.
+    let turns = 1 + i64::from(diamond.level() % 2 == 1);
+    turns * lattice.placement(diamond).ax[0]
+}
+
 /// A diamond over a part of the leaf level.
 struct Place<'a> {
     lattice: &'a Lattice,
@@ -75,6 +88,35 @@ struct Place<'a> {
     tile: &'a Tile,
     /// The least and greatest column and row of the diamond's box.
     corners: [[i64; 2]; 2],
+}
+
+/// The least and greatest column and row of a diamond's square.
+pub(super) fn box_of(lattice: &Lattice, diamond: Diamond) -> [[i64; 2]; 2] {
+    let (placement, cells) = (lattice.placement(diamond), lattice.cells());
+    let ends = [placement.vertex(0, 0), placement.vertex(cells, cells)];
+    let centre = [0, 1].map(|axis| (ends[0][axis] + ends[1][axis]) / 2);
+    let half = (ends[1][0] - ends[0][0]) / 2;
+    [-half, half].map(|offset| centre.map(|middle| middle + offset))
+}
+
+/// The largest distance between the triangles of a diamond and those of these points that lie over it.
+pub(super) fn distance_to(
+    lattice: &Lattice,
+    (diamond, vertices): (Diamond, &Matrix),
+    points: impl Iterator<Item = ([i64; 2], i32)>,
+) -> f64 {
+    let axes = Axes::of(lattice, diamond);
+    let triangles = Triangles::of(lattice, diamond, &axes, &vertices.values);
+    let inside = 0..=axes.extent * lattice.cells() as i64;
+    let mut largest = 0;
+    for ([column, row], height) in points {
+        let [u, v] = axes.coordinates(column, row);
+        if inside.contains(&u) && inside.contains(&v) {
+            let surface = triangles.segment(u, v).start;
+            largest = largest.max((axes.extent * i64::from(height) - surface).abs());
+        }
+    }
+    largest as f64 / axes.extent as f64
 }
 
 /// What a tile shows of a diamond with these vertices; `has_voids` says whether any tile has.
@@ -88,13 +130,7 @@ pub(super) fn look_at(
     let axes = Axes::of(lattice, diamond);
     let cells = lattice.cells();
     let own = vertices.values.chunks_exact((cells + 1) * (cells + 1));
-    let triangles = own.map(|vertices| Triangles {
-        vertices,
-        cells: cells as i64,
-        shift: axes.extent.trailing_zeros(),
-        main: lattice.has_main_hypotenuse(diamond),
-        step: [1, i64::from(axes.turned)],
-    });
+    let triangles = own.map(|vertices| Triangles::of(lattice, diamond, &axes, vertices));
     let place = Place::new(lattice, diamond, tile);
     let (mut largest, mut any_void) = (0i64, false);
     for (component, triangles) in triangles.enumerate() {
@@ -142,16 +178,11 @@ fn draws_any(lattice: &Lattice, diamond: Diamond, vertices: &Matrix) -> bool {
 
 impl<'a> Place<'a> {
     fn new(lattice: &'a Lattice, diamond: Diamond, tile: &'a Tile) -> Place<'a> {
-        let placement = lattice.placement(diamond);
-        let cells = lattice.cells();
-        let ends = [placement.vertex(0, 0), placement.vertex(cells, cells)];
-        let centre = [0, 1].map(|axis| (ends[0][axis] + ends[1][axis]) / 2);
-        let half = (ends[1][0] - ends[0][0]) / 2;
         Place {
             lattice,
             diamond,
             tile,
-            corners: [-half, half].map(|offset| centre.map(|middle| middle + offset)),
+            corners: box_of(lattice, diamond),
         }
     }
 
@@ -242,7 +273,18 @@ widened! {
     }
 }
 
-impl Triangles<'_> {
+impl<'a> Triangles<'a> {
+    /// The surface of a diamond with these vertices, (N+1)^2.
+    fn of(lattice: &Lattice, diamond: Diamond, axes: &Axes, vertices: &'a [i32]) -> Triangles<'a> {
+        Triangles {
+            vertices,
+            cells: lattice.cells() as i64,
+            shift: axes.extent.trailing_zeros(),
+            main: lattice.has_main_hypotenuse(diamond),
+            step: [1, i64::from(axes.turned)],
+        }
+    }
+
     /// Samples one extent apart lie alike in their cells, so that they have the same weights.
     #[inline(always)]
     fn greatest_by_period(&self, u: i64, v: i64, heights: &[i32]) -> i64 {

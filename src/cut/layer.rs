@@ -109,6 +109,11 @@ impl Layer {
         self.codec.model()
     }
 
+    /// What codes and decodes its blocks.
+    pub fn codec(&self) -> &BlockCodec {
+        &self.codec
+    }
+
     /// From integer units to samples.
     pub fn components(&self) -> &Components {
         &self.components

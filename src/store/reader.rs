@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use super::bytes::{self, Access, Bytes};
 use super::header::{
     self, HEADER_LENGTH, Header, Layout, PREFIX_LENGTH, Prefix, READ_VERSION, Section,
+    WRITE_VERSION,
 };
 use super::index::{self, BLOCKS_PER_GROUP, BLOCKS_PER_PAGE, GROUPS_PER_PAGE, Page, Record};
 use super::memory::Memory;
@@ -79,9 +80,21 @@ impl Store {
         })
     }
 
-    /// The write version of the file.
-    pub(super) fn write_version(&self) -> u16 {
-        self.write_version
+    /// Says whether another file may be made out of this one, which is not so if a later version wrote it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Version`].
+    pub fn check_writable(&self) -> Result<()> {
+        let version = self.write_version;
+        if version == WRITE_VERSION {
+            return Ok(());
+        }
+        let message = format!("has write version {version}; this library writes {WRITE_VERSION}");
+        Err(Error::Version {
+            path: self.path.clone(),
+            message,
+        })
     }
 
     /// Whether the file ends where its header says.

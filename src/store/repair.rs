@@ -5,13 +5,13 @@
 
 use std::path::Path;
 
-use super::header::{HEADER_LENGTH, Layout, Section, WRITE_VERSION};
+use super::header::{HEADER_LENGTH, Layout, Section};
 use super::index::{self, BLOCKS_PER_GROUP, MISSING, Page};
 use super::reader::Store;
 use super::sink::Sink;
 use super::verify::PageWalk;
 use super::writer::Output;
-use crate::{Error, Result};
+use crate::Result;
 
 /// What a repair has of one block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,15 +54,7 @@ impl Store {
         keep_sound: bool,
         recode: &mut dyn FnMut(Kept) -> Result<[u8; 3]>,
     ) -> Result<Repaired> {
-        let version = self.write_version();
-        if version != WRITE_VERSION {
-            let message =
-                format!("has write version {version}; this library writes {WRITE_VERSION}");
-            return Err(Error::Version {
-                path: self.path().to_path_buf(),
-                message,
-            });
-        }
+        self.check_writable()?;
         let sections = self.sections()?;
         let mut layout = copied_layout(self.layout());
         let mut out = Output::new(path, sink);

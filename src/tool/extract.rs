@@ -53,7 +53,7 @@ pub fn extract(
     let stride = level_step(layer, level)?;
     let raster = layer.raster_info();
     let window = match what.corners {
-        Some(corners) => window_of(raster, stride, corners)?,
+        Some(corners) => window_in_box(raster, stride, corners)?,
         None => {
             let [width, height] = level_size(layer, level)?;
             Window {
@@ -85,8 +85,17 @@ pub fn extract(
     })
 }
 
-/// The samples whose columns and rows are multiples of `stride` and that lie in a box.
-fn window_of(raster: &RasterInfo, stride: u32, [x0, y0, x1, y1]: [f64; 4]) -> Result<Window> {
+/// The samples whose columns and rows are multiples of `stride` and that lie in a box, given by two opposite
+/// corners x0, y0, x1, y1 in the reference system.
+///
+/// # Errors
+///
+/// [`Error::Argument`] where there are none.
+pub fn window_in_box(
+    raster: &RasterInfo,
+    stride: u32,
+    [x0, y0, x1, y1]: [f64; 4],
+) -> Result<Window> {
     let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
     let corners = corners.map(|[x, y]| raster.crs_to_sample(x, y));
     let [Some(a), Some(b), Some(c), Some(d)] = corners else {

@@ -12,15 +12,17 @@ mod packed;
 mod random;
 pub mod raster_file;
 mod repair;
+mod update;
 mod verify;
 
 pub use bench::{Speed, bench};
 pub use cracks::count_cracks;
-pub use extract::{Extract, Extracted, extract};
+pub use extract::{Extract, Extracted, extract, window_in_box};
 pub use fly::{Flight, FlightReport, fly};
 pub use memory::peak_memory_bytes;
 pub use packed::{open_packed, pack, unpack};
 pub use repair::{RepairReport, repair};
+pub use update::{Placed, Update, UpdateReport, update};
 pub use verify::{Comparison, DamagedBlocks, MissingBlocks, Verdict, verify};
 
 /// Told how much is done, and of how much; false cancels.

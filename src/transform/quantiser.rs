@@ -157,6 +157,15 @@ impl ListedHeights {
         self.heights[0]
     }
 
+    /// Whether a height is listed.
+    pub fn contains(&self, height: i32) -> bool {
+        let place = i64::from(height) - i64::from(self.least());
+        let rank = usize::try_from(place)
+            .ok()
+            .and_then(|place| self.ranks.get(place));
+        rank.is_some_and(|&rank| self.heights[rank as usize] == height)
+    }
+
     /// For the least height and each that follows, whether it is listed.
     pub fn present(&self) -> Vec<bool> {
         let mut present = vec![false; self.ranks.len()];

@@ -17,3 +17,4 @@ mod second_reader;
 mod stability;
 mod tables;
 mod transforms;
+mod update;

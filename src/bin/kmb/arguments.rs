@@ -41,6 +41,8 @@ pub enum Command {
         #[arg(short, long, value_name = "OUT")]
         output: Option<PathBuf>,
     },
+    /// Replace the samples of a region of a repository
+    Update(Update),
     /// Write a level of a repository as a GeoTIFF
     Extract(Extract),
     /// Measure a flight over a repository, and look for cracks
@@ -59,6 +61,7 @@ impl Command {
     pub fn subject(&self) -> &Path {
         match self {
             Command::Build(build) => build.inputs.first().unwrap_or(&build.output),
+            Command::Update(update) => &update.file,
             Command::Extract(extract) => &extract.file,
             Command::Fly(fly) => &fly.file,
             Command::Clean { output } => output,
@@ -210,6 +213,30 @@ impl Source {
             raw: self.raw,
         }
     }
+}
+
+#[derive(Args)]
+pub struct Update {
+    /// The repository, which the updated one takes the place of
+    pub file: PathBuf,
+    /// Two corners of the region in the raster's reference system: the samples in that box get new values
+    #[arg(long, num_args = 4, value_names = ["X0", "Y0", "X1", "Y1"], allow_negative_numbers = true, required = true)]
+    pub region: Vec<f64>,
+    /// Rasters with the new samples; where the repository is not lossless, with all others too. Several make a
+    /// mosaic, in which later ones lie over earlier ones
+    #[arg(required = true, value_name = "IN")]
+    pub sources: Vec<PathBuf>,
+    /// The RMS error that the repository was built with, if it was built with one
+    #[arg(long, value_name = "R", value_parser = error_limit, allow_hyphen_values = true)]
+    pub rms: Option<f64>,
+    /// Memory that the update may take where all must be built again [default: no limit]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..1 << 40))]
+    pub memory: Option<u64>,
+    /// Number of threads; 0 uses all processors
+    #[arg(long, default_value_t = 0)]
+    pub threads: usize,
+    #[command(flatten)]
+    pub source: Source,
 }
 
 #[derive(Args)]

@@ -9,7 +9,7 @@ use kimberlite::codec::Model;
 use kimberlite::cut::{Layer, Query, Terrain};
 use kimberlite::geo::Registration;
 use kimberlite::store::{Access, DomainKind, EntropyKind, Kind, TransformKind};
-use kimberlite::tool::{self, Extract, Flight, Verdict, peak_memory_bytes};
+use kimberlite::tool::{self, Extract, Flight, Placed, Update, Verdict, peak_memory_bytes};
 use kimberlite::{Error, Result};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
@@ -46,6 +46,7 @@ pub fn run(command: &Command) -> Result<Outcome> {
             source,
         } => verify(file, against, domain_of.as_deref(), source),
         Command::Repair { file, output } => repair(file, output.as_deref()).map(Outcome::from),
+        Command::Update(arguments) => update(arguments).map(Outcome::from),
         Command::Extract(arguments) => extract(arguments).map(Outcome::from),
         Command::Fly(arguments) => fly(arguments).map(Outcome::from),
         Command::Bench { file } => bench(file).map(Outcome::from),
@@ -364,11 +365,41 @@ fn repair(file: &Path, output: Option<&Path>) -> Result<Report> {
         .with("bytes", repaired.bytes))
 }
 
-fn extract(arguments: &arguments::Extract) -> Result<Report> {
-    let corners = match arguments.bbox.as_deref() {
-        Some(&[x0, y0, x1, y1]) => Some([x0, y0, x1, y1]),
-        _ => None,
+fn update(arguments: &arguments::Update) -> Result<Report> {
+    let start = Instant::now();
+    let file = &arguments.file;
+    let (raster, is_colour) = {
+        let layer = open(file)?;
+        let raster = layer.raster_info().clone();
+        (raster, layer.header().kind == Kind::Colours)
     };
+    let corners = corners_of(&arguments.region);
+    let region = tool::window_in_box(&raster, 1, corners)?;
+    let mut source = open_all(&arguments.sources, &arguments.source.options(is_colour))?;
+    let new = Placed::by_georeference(source.as_mut(), &raster, region)?;
+    let options = Update {
+        region,
+        rms_error: arguments.rms,
+        memory: arguments.memory.map(|mebibytes| mebibytes << 20),
+        threads: arguments.threads,
+    };
+    let progress = start_progress("updating", file)?;
+    let mut step = |done, total| progress.step(done, total);
+    let updated = tool::update(file, new, &options, &mut step)?;
+    Ok(Report::default()
+        .with("diamonds_recomputed", updated.diamonds_recomputed)
+        .with("diamonds", updated.diamonds)
+        .with("bytes", updated.bytes)
+        .with("seconds", start.elapsed().as_secs_f64()))
+}
+
+/// Four numbers as the corners of a box.
+fn corners_of(numbers: &[f64]) -> [f64; 4] {
+    std::array::from_fn(|place| numbers.get(place).copied().unwrap_or(f64::NAN))
+}
+
+fn extract(arguments: &arguments::Extract) -> Result<Report> {
+    let corners = arguments.bbox.as_deref().map(corners_of);
     let what = Extract {
         level: arguments.level,
         corners,

@@ -24,7 +24,7 @@ use samples::not_colours;
 
 pub use flat::parse_raw_shape;
 pub use in_memory::InMemory;
-pub use mosaic::Mosaic;
+pub use mosaic::{Mosaic, position};
 pub use options::SourceOptions;
 pub use resample::{MOST_TEXELS, Resampled, texels_per_sample};
 pub use rows::{RowCallback, RowSource};

@@ -139,7 +139,11 @@ fn cause_beside(cause: &str, first: &std::path::Path) -> String {
 }
 
 /// Column and row of `other`'s upper left sample in the grid of `first`, or why it does not fit.
-fn position(first: &RasterInfo, other: &RasterInfo) -> std::result::Result<[i64; 2], String> {
+///
+/// # Errors
+///
+/// What differs: the reference system, the distance between samples, their type or their scale.
+pub fn position(first: &RasterInfo, other: &RasterInfo) -> std::result::Result<[i64; 2], String> {
     if !first.georeferenced || !other.georeferenced {
         return Err("an input of a mosaic is not georeferenced".to_string());
     }
