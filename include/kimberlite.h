@@ -890,6 +890,72 @@ kmb_status kmb_builder_write(struct kmb_builder *builder,
                              struct kmb_build_report *report);
 
 /* ================================================================================================
+ * Updates: other samples in a part of a repository
+ * ================================================================================================ */
+
+// Which samples get new values, and how.
+typedef struct kmb_update_options {
+    // sizeof(kmb_update_options).
+    uint32_t struct_size;
+    // The region: its first column in the raster.
+    uint32_t column;
+    // Its first row.
+    uint32_t row;
+    // Its columns.
+    uint32_t width;
+    // Its rows.
+    uint32_t height;
+    // 0 if the rows callback gives the region's rows; 1 if it gives all rows of the raster, as it
+    // must where the repository is not lossless, or has missing detail.
+    uint32_t rows_are_whole;
+    // Most MiB of memory to take, about, where all must be built again; 0 for no limit.
+    uint32_t memory;
+    // Threads to use; 0 for as many as there are processors.
+    uint32_t threads;
+    // The RMS error that the repository was built with, or 0.
+    double rms_error;
+} kmb_update_options;
+
+// What an update did.
+typedef struct kmb_update_report {
+    // sizeof(kmb_update_report).
+    uint32_t struct_size;
+    // 0.
+    uint32_t reserved;
+    // Diamonds that were coded again.
+    uint64_t diamonds_recomputed;
+    // All diamonds.
+    uint64_t diamonds;
+    // Bytes of the file.
+    uint64_t bytes;
+} kmb_update_report;
+
+// Replaces the samples of a region of the repository at `repository_path` by those that `rows`
+// gives. The bytes become those of a build of the whole raster with the same options and the old
+// file's weights and tables. A lossless repository has all other samples itself, and of heights
+// with KMB_TRANSFORM_INTERPOLATING only the diamonds that the region reaches are coded again, unless
+// what holds for the whole raster changes: the range of its samples, or whether any is void. One
+// that is not lossless is built again from all samples, those of the region and the originals of
+// all others (rows_are_whole), which are compared with what the repository has. The new file appears
+// under the name only when it is whole; handles that have the old one open go on with that.
+// `progress` may be NULL; so may `report`, otherwise the caller sets report->struct_size.
+//
+// May be called from any thread at any time. Of two updates of one file at the same time one is
+// lost.
+//
+// Returns KMB_OK; KMB_INVALID_ARGUMENT (also where originals are needed, or given samples are not
+// the originals); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_INPUT (`rows` failed, or gave a sample that
+// the type does not have); KMB_DAMAGED; KMB_UNSUPPORTED_VERSION (also for a file that a later version
+// wrote); KMB_CANCELLED; KMB_PANIC.
+kmb_status kmb_repository_update(const char *repository_path,
+                                 const struct kmb_update_options *options,
+                                 kmb_rows_callback rows,
+                                 void *rows_user,
+                                 kmb_progress_callback progress,
+                                 void *progress_user,
+                                 struct kmb_update_report *report);
+
+/* ================================================================================================
  * Repairs: what is left of a damaged repository
  * ================================================================================================ */
 

@@ -7,7 +7,7 @@ const CAVEATS: &str = include_str!("header.h.in");
 
 /// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function
 /// names.
-const SECTIONS: [(&str, &str, &[&str]); 9] = [
+const SECTIONS: [(&str, &str, &[&str]); 10] = [
     ("Version, errors, messages", "status", &["kmb_log_level"]),
     (
         "Repositories: opening, what is known of them, coordinates",
@@ -30,6 +30,11 @@ const SECTIONS: [(&str, &str, &[&str]); 9] = [
         "Builders: from rows to repositories",
         "builder",
         &["kmb_transform", "kmb_entropy"],
+    ),
+    (
+        "Updates: other samples in a part of a repository",
+        "update",
+        &[],
     ),
     (
         "Repairs: what is left of a damaged repository",

@@ -427,7 +427,6 @@ pub unsafe extern "C" fn kmb_builder_write(
     report: *mut kmb_build_report,
 ) -> kmb_status {
     boundary!(exclusive builder: kmb_builder, {
-        let rows = rows.ok_or_else(|| Failure::argument("rows is NULL"))?;
         // SAFETY: the caller passes pointers as the header asks.
         let path = unsafe { self::path(path) }?;
         let out = match report.is_null() {
@@ -435,21 +434,8 @@ pub unsafe extern "C" fn kmb_builder_write(
             // SAFETY: as above.
             false => Some(unsafe { output_struct(report) }?),
         };
-        let (row_length, user) = (builder.raster.row_length(), User(rows_user));
-        let bands = usize::from(builder.raster.bands);
-        let sample_type = builder.raster.sample_type;
-        let next_rows = move |first_row: u32, samples: &mut [f64]| -> Result<()> {
-            let row_count = (samples.len() / row_length) as u32;
-            // SAFETY: the caller gave a function that may be called so, with this `user`.
-            let answer =
-                unsafe { rows(user.pointer(), first_row, row_count, samples.as_mut_ptr()) };
-            if answer == 0 {
-                return as_stored(sample_type, [row_length, bands], first_row, samples);
-            }
-            let message = format!("row {first_row}: the rows callback answered {answer}");
-            Err(Error::input(Path::new("(rows)"), message))
-        };
-        let mut source = RowSource::new(builder.raster.clone(), Box::new(next_rows));
+        // SAFETY: the caller gave a function that may be called with this `user`.
+        let mut source = unsafe { row_source(builder.raster.clone(), rows, rows_user) }?;
         let mut go_on = |done: u64, total: u64| {
             // SAFETY: the caller gave a function that may be called so, with this `user`.
             progress.is_none_or(|progress| unsafe { progress(progress_user, done, total) } == 0)
@@ -460,6 +446,32 @@ pub unsafe extern "C" fn kmb_builder_write(
         }
         Ok(())
     })
+}
+
+/// A raster whose rows a callback gives.
+///
+/// # Safety
+///
+/// The callback may be called with `rows_user`, from any thread, for as long as the raster is there.
+pub(super) unsafe fn row_source(
+    raster: RasterInfo,
+    rows: kmb_rows_callback,
+    rows_user: *mut c_void,
+) -> std::result::Result<RowSource, Failure> {
+    let rows = rows.ok_or_else(|| Failure::argument("rows is NULL"))?;
+    let (row_length, user) = (raster.row_length(), User(rows_user));
+    let (bands, sample_type) = (usize::from(raster.bands), raster.sample_type);
+    let next_rows = move |first_row: u32, samples: &mut [f64]| -> Result<()> {
+        let row_count = (samples.len() / row_length) as u32;
+        // SAFETY: the caller gave a function that may be called so, with this `user`.
+        let answer = unsafe { rows(user.pointer(), first_row, row_count, samples.as_mut_ptr()) };
+        if answer == 0 {
+            return as_stored(sample_type, [row_length, bands], first_row, samples);
+        }
+        let message = format!("row {first_row}: the rows callback answered {answer}");
+        Err(Error::input(Path::new("(rows)"), message))
+    };
+    Ok(RowSource::new(raster, Box::new(next_rows)))
 }
 
 /// Rounds samples to their type, and refuses those that it does not have.

@@ -12,6 +12,7 @@
 //! | `patch.rs` | patches of a cut |
 //! | `query.rs` | heights and windows of samples, without any view |
 //! | `builder.rs` | building repositories from rows |
+//! | `update.rs` | other samples in a part of a repository |
 //! | `repair.rs` | what is left of a damaged repository |
 //! | `raster.rs` | whole rasters as bytes in memory |
 //! | `codec.rs` | one diamond as bytes |
@@ -31,3 +32,4 @@ pub mod raster;
 pub mod repair;
 pub mod repository;
 pub mod status;
+pub mod update;

@@ -9,3 +9,4 @@ mod repair;
 mod results;
 mod resume;
 mod successor;
+mod update;

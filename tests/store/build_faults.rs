@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use kimberlite::build::source::InMemory;
-use kimberlite::build::{BuildOptions, BuildReport, build_into};
+use kimberlite::build::{BuildOptions, BuildReport, Predecessor, Replacement, build_into, replace};
+use kimberlite::codec::Components;
 use kimberlite::cut::Layer;
 use kimberlite::geo::{RasterInfo, SampleType};
 use kimberlite::store::Access;
@@ -91,6 +92,57 @@ fn a_write_error_a_torn_write_a_failing_sync_or_publish_at_any_call_of_a_build()
         .unwrap_err();
     build(&folder.file(), |_| ()).0.unwrap();
     assert_eq!(std::fs::read(folder.file()).unwrap(), good);
+}
+
+/// Replaces a few samples through a sink; returns also the calls that the sink got.
+fn update(path: &Path, change: impl Fn(&mut FaultySink)) -> (Result<u64>, usize) {
+    let layer = Layer::open(path, Access::Map).unwrap();
+    let Components::Height(units) = layer.components() else {
+        unreachable!("it holds heights");
+    };
+    let old = Predecessor {
+        store: layer.store(),
+        lattice: layer.lattice(),
+        units,
+        codec: layer.codec(),
+        root: layer.root(),
+    };
+    let new = Replacement::new(layer.header(), [40, 30], 2, vec![7.0; 4]).unwrap();
+    let mut sink = FaultySink::new(path);
+    sink.step = STEP;
+    change(&mut sink);
+    let calls = Arc::clone(&sink.calls);
+    let replaced = replace(&old, &new, (path, Box::new(sink)), 1, &mut |_, _| true);
+    let diamonds = replaced.map(|replaced| replaced.expect("few diamonds").diamonds);
+    (diamonds, calls.load(Ordering::Relaxed))
+}
+
+#[test]
+fn an_update_that_fails_at_any_call_leaves_the_old_file() {
+    let folder = Folder::new();
+    build(&folder.file(), |_| ()).0.unwrap();
+    let old = std::fs::read(folder.file()).unwrap();
+    let (diamonds, calls) = update(&folder.file(), |_| ());
+    assert!(diamonds.unwrap() > 0 && calls > 20);
+    assert_ne!(std::fs::read(folder.file()).unwrap(), old);
+    for fault in [Fault::Error, Fault::OneError, Fault::TornError] {
+        for call in 1..=calls {
+            std::fs::write(folder.file(), &old).unwrap();
+            let (result, _) = update(&folder.file(), |sink| {
+                (sink.fault, sink.fault_at) = (fault, call)
+            });
+            assert!(
+                matches!(result, Err(Error::Io { .. })),
+                "{fault:?} at call {call}"
+            );
+            assert_eq!(
+                std::fs::read(folder.file()).unwrap(),
+                old,
+                "{fault:?} at call {call}"
+            );
+            assert_eq!(folder.names().len(), 1, "{:?}", folder.names());
+        }
+    }
 }
 
 #[test]

@@ -152,7 +152,14 @@ impl Renewal<'_> {
             }
             family.push(next);
         }
-        let mut finest: Vec<Diamond> = family[family.len() - 1].iter().copied().collect();
+        // All others are ancestors of these, which need not be of the last level at the raster's edge.
+        let is_childless = |diamond: &Diamond| self.children(*diamond).next().is_none();
+        let mut finest: Vec<Diamond> = family
+            .iter()
+            .flatten()
+            .copied()
+            .filter(is_childless)
+            .collect();
         finest.sort_by_key(|&diamond| old.lattice.rank(diamond));
         let look = |decoder: &mut Decoder, diamonds: &[Diamond]| -> Result<Vec<_>> {
             for &diamond in diamonds {
