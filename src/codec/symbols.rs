@@ -6,7 +6,7 @@ use super::training::{Fit, Trainer};
 use crate::entropy::rans::{self, Decoder};
 use crate::transform::Quantiser;
 use crate::transform::adaptive::{
-    COMPANIONS, CONTEXTS, Outlook, Surroundings, WEIGHT_BITS, Weights, Workspace,
+    COMPANIONS, CONTEXTS, Outlook, Quarters, Surroundings, WEIGHT_BITS, Weights, Workspace,
 };
 use std::cell::RefCell;
 
@@ -209,7 +209,6 @@ impl SymbolCoder {
         trace: &mut Trace,
     ) -> (Box<[i32]>, Vec<i32>) {
         let cells = self.cells;
-        let [low, high] = self.quantiser.range();
         let mut centres = vec![0; cells * cells].into_boxed_slice();
         let mut kept = Vec::with_capacity(cells * cells);
         self.surround(task.vertices, |surroundings, outlook| {
@@ -221,13 +220,11 @@ impl SymbolCoder {
                 &mut centres,
                 |row, outlook, centres| {
                     own_contexts(&mut outlook.contexts, task, row, None);
-                    let target = &target[row * cells..(row + 1) * cells];
-                    for (i, centre) in centres.iter_mut().enumerate() {
-                        if outlook.contexts[i] != UNCODED {
-                            let prediction = outlook.predictions[i].clamp(low, high);
-                            *centre = self.quantiser.quantise(target[i], prediction);
-                        }
-                    }
+                    let places = row * cells..(row + 1) * cells;
+                    let coded = task.coded.map(|coded| &coded[places.clone()]);
+                    let target = &target[places];
+                    self.quantiser
+                        .quantise_row(target, &outlook.predictions, coded, centres);
                     trace.add_row(outlook, centres, self.turns);
                     kept.extend_from_slice(centres);
                     self.quantiser
@@ -250,28 +247,35 @@ impl SymbolCoder {
         let mut residuals = vec![0; cells * cells];
         let mut row = vec![0; cells];
         self.surround(task.vertices, |surroundings, outlook| {
-            let step = surroundings.quarters(self.step()) - surroundings.quarters(0);
-            for j in 0..cells {
+            let quarters = surroundings.quarters();
+            let step = f64::from(self.step()) * quarters.unit;
+            let mut sights = vec![Default::default(); cells];
+            for (j, residuals) in residuals.chunks_exact_mut(cells).enumerate() {
                 let company = self.foresee(surroundings, task, j, trainer.weights(), outlook);
-                for (i, centre) in row.iter_mut().enumerate() {
-                    let prediction = outlook.predictions[i].clamp(low, high);
-                    *centre = prediction;
-                    let index = j * cells + i;
-                    if task.coded.is_none_or(|coded| coded[index] != 0) {
-                        let coefficient = self.quantiser.quantise(target[index], prediction);
-                        residuals[index] = coefficient;
-                        *centre = self.quantiser.reconstruct(coefficient, prediction);
-                        let (sight, activity) = surroundings.sight(i, trainer.weights());
-                        let place = surroundings.quarters(target[index]);
-                        let predicted = surroundings.quarters(outlook.predictions[i]);
-                        let misses = [place - f64::from(sight.order_two), place - predicted];
-                        let told = company.told(i, surroundings);
-                        trainer.see(fit, &sight, activity, misses, told, step);
+                let places = j * cells..(j + 1) * cells;
+                let coded = task.coded.map(|coded| &coded[places.clone()]);
+                let target = &target[places];
+                self.quantiser
+                    .quantise_row(target, &outlook.predictions, coded, residuals);
+                row.copy_from_slice(residuals);
+                self.quantiser
+                    .reconstruct_row(&outlook.predictions, &mut row);
+                surroundings.look_around(trainer.weights(), &mut sights);
+                for (i, sight) in sights.iter().enumerate() {
+                    let prediction = outlook.predictions[i];
+                    if coded.is_some_and(|coded| coded[i] == 0) {
+                        row[i] = prediction.clamp(low, high);
+                        continue;
                     }
+                    let place = quarters.of(target[i]);
+                    let from_order_two = place - f64::from(sight.0.order_two);
+                    let misses = [from_order_two, place - quarters.of(prediction)];
+                    trainer.see(fit, sight, misses, company.told(i, quarters), step);
                 }
                 surroundings.complete(&row);
             }
         });
+        fit.settle();
         residuals
     }
 
@@ -341,23 +345,26 @@ impl SymbolCoder {
         let cells = self.cells;
         let mut residuals = vec![0; cells * cells];
         self.surround(task.vertices, |surroundings, outlook| {
-            let step = surroundings.quarters(self.step()) - surroundings.quarters(0);
+            let quarters = surroundings.quarters();
+            let step = f64::from(self.step()) * quarters.unit;
+            let mut sights = vec![Default::default(); cells];
             for (j, row) in entries.chunks_exact(cells).enumerate() {
                 let weights = trainer.weights();
                 let company = self.foresee_coefficients(surroundings, task, j, weights, outlook);
+                surroundings.look_around(weights, &mut sights);
                 for (i, &coefficient) in row.iter().enumerate() {
                     let index = j * cells + i;
                     if task.coded.is_none_or(|coded| coded[index] != 0) {
-                        let (sight, activity) = surroundings.sight(i, weights);
                         residuals[index] = coefficient.wrapping_sub(outlook.predictions[i]);
                         let misses = [coefficient, residuals[index]].map(|k| f64::from(k) * step);
-                        let told = company.told(i, surroundings);
-                        trainer.see(fit, &sight, activity, misses, told, step);
+                        let told = company.told(i, quarters);
+                        trainer.see(fit, &sights[i], misses, told, step);
                     }
                 }
                 surroundings.complete_coefficients(row, self.step());
             }
         });
+        fit.settle();
         residuals
     }
 
@@ -556,10 +563,9 @@ impl Company<'_> {
     }
 
     /// The entries of the components before, in quarters of a shifted unit.
-    fn told(&self, i: usize, surroundings: &dyn Surroundings) -> [f64; COMPANIONS] {
-        let unit = surroundings.quarters(1) - surroundings.quarters(0);
+    fn told(&self, i: usize, quarters: Quarters) -> [f64; COMPANIONS] {
         self.0
-            .map(|row| row.map_or(0.0, |row| row.units(i) as f64 * unit))
+            .map(|row| row.map_or(0.0, |row| row.units(i) as f64 * quarters.unit))
     }
 }
 

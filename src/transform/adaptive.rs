@@ -170,6 +170,8 @@ pub(super) struct Kernels<T> {
     pub foresee: fn(&mut Neighbourhood<T>, &Weights, Aim, &mut Outlook),
     /// [`Surroundings::complete`].
     pub complete: fn(&mut Neighbourhood<T>, &[i32]),
+    /// [`Surroundings::look_around`].
+    pub look_around: fn(&mut Neighbourhood<T>, &Weights, &mut [(Sight, i32)]),
 }
 
 /// To what a word keeps.
@@ -318,14 +320,30 @@ pub trait Surroundings {
     /// Tells of the coefficients at the same place in a matrix that is known, each worth `step` units.
     fn accompany(&mut self, coefficients: &[i32], step: i32);
 
-    /// What is known of centre `i` of the row at hand, and its activity.
-    fn sight(&self, i: usize, weights: &Weights) -> (Sight, i32);
+    /// What is known of the centres of the row at hand, and their activity.
+    fn look_around(&mut self, weights: &Weights, sights: &mut [(Sight, i32)]);
 
-    /// A height in quarters of a shifted unit, as sights are.
-    fn quarters(&self, height: i32) -> f64;
+    /// What turns heights into quarters of a shifted unit, as sights are.
+    fn quarters(&self) -> Quarters;
 
     /// The vertices in 16 bits, where vectors may go through the diamond.
     fn vertices(&self) -> Option<Vertices<'_>>;
+}
+
+/// The height of which a diamond's sights are relative, and what a unit is in their numbers: a power of two.
+#[derive(Clone, Copy, Debug)]
+pub struct Quarters {
+    base: f64,
+    /// Quarters of a shifted unit.
+    pub unit: f64,
+}
+
+impl Quarters {
+    /// A height in quarters of a shifted unit.
+    #[inline(always)]
+    pub fn of(self, height: i32) -> f64 {
+        (f64::from(height) - self.base) * self.unit
+    }
 }
 
 /// The vertices of a diamond in 16 bits, with a rim.
@@ -459,9 +477,15 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
         }
     }
 
-    fn sight(&self, i: usize, weights: &Weights) -> (Sight, i32) {
-        let sight = self.look(i);
-        (sight, sight.activity::<T>(weights))
+    fn look_around(&mut self, weights: &Weights, sights: &mut [(Sight, i32)]) {
+        assert!(self.row < self.cells, "a row after the last");
+        if let Some(kernels) = self.kernels {
+            return (kernels.look_around)(self, weights, sights);
+        }
+        for (i, (sight, activity)) in sights.iter_mut().enumerate() {
+            *sight = self.look(i);
+            *activity = sight.activity::<T>(weights);
+        }
     }
 
     fn vertices(&self) -> Option<Vertices<'_>> {
@@ -474,9 +498,11 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
         })
     }
 
-    fn quarters(&self, height: i32) -> f64 {
-        let offset = f64::from(height) - f64::from(self.base);
-        4.0 * offset / (1u64 << self.shift) as f64
+    fn quarters(&self) -> Quarters {
+        Quarters {
+            base: f64::from(self.base),
+            unit: 4.0 / (1u64 << self.shift) as f64,
+        }
     }
 }
 
