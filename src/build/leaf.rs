@@ -1,12 +1,14 @@
 //! The leaf level as decoded, tile by tile, beside the samples that it stands for.
 
 use super::descent::Descent;
+use super::diagonals::Diagonals;
 use super::plane::{Scratch, is_void};
 use super::workers::map_in_order;
 use crate::Result;
 use crate::codec::Components;
 use crate::lattice::{Diamond, centre_runs};
 use crate::vectors::widened;
+use std::cell::OnceCell;
 
 /// Samples along a tile's side, the last of which are the first of the next tile.
 const TILE: i64 = 256;
@@ -22,6 +24,7 @@ pub(super) struct Tile {
     pub(super) any_void: bool,
     /// The samples as given: `[sample * bands + band]`, row by row.
     given: Vec<f64>,
+    diagonals: OnceCell<Diagonals>,
 }
 
 /// How far decoded samples are from the given ones, in numbers of the raster.
@@ -104,6 +107,7 @@ impl Tile {
             voids: Vec::new(),
             any_void: false,
             given: Vec::with_capacity(count * plane.bands),
+            diagonals: OnceCell::new(),
         };
         let mut scratch = Scratch::default();
         for row in first[1]..=last[1] {
@@ -198,6 +202,14 @@ impl Tile {
     pub(super) fn heights(&self, component: usize, row: i64, columns: [i64; 2]) -> &[i32] {
         let own = &self.heights[component * self.voids.len()..];
         &own[self.index([columns[0], row])..=self.index([columns[1], row])]
+    }
+
+    /// The heights along diagonals.
+    pub(super) fn diagonals(&self) -> &Diagonals {
+        self.diagonals.get_or_init(|| {
+            let sides = [0, 1].map(|axis| (self.last[axis] - self.first[axis] + 1) as usize);
+            Diagonals::new(self.first, sides, &self.heights)
+        })
     }
 
     /// How far the samples up to column and row `end` are from the given ones.

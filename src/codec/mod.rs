@@ -27,7 +27,7 @@ pub use bounds::{ErrorCode, RangeCode};
 pub use components::{ColourUnits, Components};
 pub use draft::Draft;
 pub use lengths::{DECISION_BITS, NUMBER_BITS, longest_block, longest_blocks};
-pub use matrix::{Matrix, child_vertices};
+pub use matrix::{Matrix, MatrixView, child_vertices};
 pub use model::{LevelModel, MatrixModel, Model};
 pub use outline::Outline;
 pub use refined::Refined;

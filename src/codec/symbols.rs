@@ -4,6 +4,7 @@
 use super::model::LevelModel;
 use super::training::{Fit, Trainer};
 use crate::entropy::rans::{self, Decoder};
+use crate::entropy::token::Tokens;
 use crate::transform::Quantiser;
 use crate::transform::adaptive::{
     COMPANIONS, CONTEXTS, Outlook, Quarters, Surroundings, WEIGHT_BITS, Weights, Workspace,
@@ -18,48 +19,62 @@ const UNCODED: u8 = u8::MAX;
 pub struct Trace {
     /// Context of each entry among those of all matrices; [`UNCODED`] where it has no coefficient.
     contexts: Vec<u8>,
-    /// N^2 for each matrix.
-    coefficients: Vec<i32>,
+    /// N^2 coefficients for each matrix.
+    tokens: Tokens,
 }
 
 impl Trace {
     /// Adds a row of coefficients, 0 where there is none.
     fn add_row(&mut self, outlook: &Outlook, coefficients: &[i32], turns: bool) {
-        let start = self.coefficients.len();
-        self.coefficients.extend_from_slice(coefficients);
         if turns {
-            turn(&mut self.coefficients[start..], &outlook.fractions);
+            let mut turned = coefficients.to_vec();
+            turn(&mut turned, &outlook.fractions);
+            self.tokens.extend(&turned);
+        } else {
+            self.tokens.extend(coefficients);
         }
         self.contexts.extend_from_slice(&outlook.contexts);
     }
 
     /// Contexts and coefficients as they are in memory.
     pub(super) fn as_bytes(&self) -> Vec<u8> {
-        [&self.contexts, bytemuck::cast_slice(&self.coefficients)].concat()
+        let raw = bytemuck::cast_slice(&self.tokens.raw);
+        let count = self.contexts.len().to_ne_bytes();
+        [&count[..], &self.contexts, &self.tokens.symbols, raw].concat()
     }
 
     /// The trace that has these bytes.
     pub(super) fn of_bytes(bytes: &[u8]) -> Trace {
-        // One byte and four an entry.
-        let (contexts, coefficients) = bytes.split_at(bytes.len() / 5);
+        let (count, rest) = bytes.split_at(size_of::<usize>());
+        let count = usize::from_ne_bytes(std::array::from_fn(|index| count[index]));
+        let (contexts, rest) = rest.split_at(count);
+        let (symbols, raw) = rest.split_at(count);
         Trace {
             contexts: contexts.to_vec(),
-            coefficients: bytemuck::pod_collect_to_vec(coefficients),
+            tokens: Tokens {
+                symbols: symbols.to_vec(),
+                raw: bytemuck::pod_collect_to_vec(raw),
+            },
         }
     }
 
     /// Whether all coefficients are 0.
     pub fn is_zero(&self) -> bool {
-        self.coefficients
-            .iter()
-            .all(|&coefficient| coefficient == 0)
+        self.tokens.symbols.iter().all(|&symbol| symbol == 0)
     }
 
     /// Coefficients with their contexts; those without any are passed over.
     pub fn coded(&self) -> impl Iterator<Item = (usize, i32)> + '_ {
-        let entries = self.contexts.iter().zip(&self.coefficients);
+        let entries = self.contexts.iter().zip(self.tokens.coefficients());
         let coded = entries.filter(|(context, _)| **context != UNCODED);
-        coded.map(|(&context, &coefficient)| (usize::from(context), coefficient))
+        coded.map(|(&context, coefficient)| (usize::from(context), coefficient))
+    }
+
+    /// Symbols of coefficients with their contexts.
+    pub(super) fn coded_symbols(&self) -> impl Iterator<Item = (usize, u8)> + '_ {
+        let entries = self.contexts.iter().zip(&self.tokens.symbols);
+        let coded = entries.filter(|(context, _)| **context != UNCODED);
+        coded.map(|(&context, &symbol)| (usize::from(context), symbol))
     }
 
     /// The trace as bytes; with `before` bytes before them they are a multiple of `multiple`.
@@ -71,10 +86,11 @@ impl Trace {
             .iter()
             .map(|&context| context.min(sure))
             .collect();
-        let mut bytes = rans::encode(tables, &contexts, &self.coefficients, 0);
+        let encode = |least| rans::encode_tokens(tables, &contexts, &self.tokens, least);
+        let mut bytes = encode(0);
         let short = (before + bytes.len()).next_multiple_of(multiple) - before - bytes.len();
         if short > 0 {
-            bytes = rans::encode(tables, &contexts, &self.coefficients, bytes.len() + short);
+            bytes = encode(bytes.len() + short);
         }
         bytes
     }

@@ -211,8 +211,8 @@ pub(super) struct Neighbourhood<T> {
 }
 
 widened! {
-    /// Least and greatest of some heights.
-    fn extremes(values: &[i32]) -> [i32; 2] {
+    /// Least and greatest of some heights; of none the greatest and least that there are.
+    pub(crate) fn extremes(values: &[i32]) -> [i32; 2] {
         let (mut low, mut high) = (i32::MAX, i32::MIN);
         for &value in values {
             low = low.min(value);
