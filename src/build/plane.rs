@@ -33,8 +33,8 @@ pub(super) struct Scratch {
 /// What the samples are called in a working store, and what is told of them.
 const NUMBERS: &str = "samples";
 const SAVED: &str = "plane";
-/// Samples asked of a source at a time.
-const BAND_SAMPLES: usize = 1 << 17;
+/// Samples asked of a source at a time: in `f64` they stay in a processor's own cache.
+const BAND_SAMPLES: usize = 1 << 15;
 
 impl Plane {
     /// Bytes that a number of this type is kept in.

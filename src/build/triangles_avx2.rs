@@ -45,7 +45,8 @@ struct Samples<'a> {
     slopes: [&'a [i32]; 2],
     cells: i32,
     shift: u32,
-    step: i32,
+    /// log2 of what u grows by from one sample to the next.
+    step_shift: u32,
     turn: i32,
     heights: &'a [i32],
 }
@@ -58,11 +59,10 @@ fn differences(surface: &mut Surface, [u, v]: [i64; 2], step: i64, heights: &[i3
     let (j, b) = surface.row(v);
     let turn = surface.turn(b) as i32;
     fill(surface, j, b as i32, first..end + 1);
-    let [one, other] = surface
-        .room
-        .slopes
-        .each_ref()
-        .map(|slopes| &slopes[first..]);
+    let (one, other) = (
+        &surface.room.slopes[0][first..],
+        &surface.room.slopes[1][first..],
+    );
     let samples = Samples {
         edges: &surface.room.edges[first..],
         slopes: if surface.main {
@@ -73,12 +73,12 @@ fn differences(surface: &mut Surface, [u, v]: [i64; 2], step: i64, heights: &[i3
         // From the first one on.
         cells: surface.cells as i32 - first as i32,
         shift,
-        step: step as i32,
+        step_shift: step.trailing_zeros(),
         turn,
         heights,
     };
     let u = (u - ((first as i64) << shift)) as i32;
-    if (1 << shift) / samples.step < LANES as i32 {
+    if (LANES as i32) << samples.step_shift > 1 << shift {
         samples.in_short_cells(u)
     } else {
         samples.in_long_cells(u)
@@ -91,20 +91,14 @@ fn differences(surface: &mut Surface, [u, v]: [i64; 2], step: i64, heights: &[i3
 #[target_feature(enable = "avx2")]
 fn fill(surface: &mut Surface, j: usize, b: i32, cells: std::ops::Range<usize>) {
     let side = surface.cells + 1;
-    let rows =
-        [j, j + 1].map(|j| &surface.vertices[j * side..(j + 1) * side][cells.start..=cells.end]);
+    let above = &surface.vertices[j * side..][cells.start..=cells.end];
+    let below = &surface.vertices[(j + 1) * side..][cells.start..=cells.end];
     let a = (1 << surface.shift) - b;
-    let both = rows[0].iter().zip(rows[1]);
-    for (edge, (&above, &below)) in surface.room.edges[cells.clone()]
-        .iter_mut()
-        .zip(both.clone())
-    {
+    let edges = surface.room.edges[cells.start..=cells.end].iter_mut();
+    for (edge, (&above, &below)) in edges.zip(above.iter().zip(below)) {
         *edge = above.wrapping_mul(a).wrapping_add(below.wrapping_mul(b));
     }
-    if let Some((&above, &below)) = both.last() {
-        surface.room.edges[cells.end] = above.wrapping_mul(a).wrapping_add(below.wrapping_mul(b));
-    }
-    for (slopes, row) in surface.room.slopes.iter_mut().zip(rows) {
+    for (slopes, row) in surface.room.slopes.iter_mut().zip([above, below]) {
         let pairs = row.iter().zip(&row[1..]);
         for (slope, (&left, &right)) in slopes[cells.clone()].iter_mut().zip(pairs) {
             *slope = right.wrapping_sub(left);
@@ -129,53 +123,58 @@ impl Samples<'_> {
     #[target_feature(enable = "avx2")]
     fn in_short_cells(&self, u: i32) -> i32 {
         let extent = 1 << self.shift;
-        let period = (extent / self.step).max(1);
+        let period_shift = self.shift.saturating_sub(self.step_shift);
+        let period = 1 << period_shift;
         // Samples of a cell that come before the first one.
-        let skipped = (u & (extent - 1)) / self.step;
-        let head = (((period - skipped) % period) as usize).min(self.heights.len());
+        let skipped = (u & (extent - 1)) >> self.step_shift;
+        let head = ((-skipped & (period - 1)) as usize).min(self.heights.len());
         let (before, rest) = self.heights.split_at(head);
-        let mut largest = self.one_by_one(u, before);
-        let u = u + head as i32 * self.step;
-        let start = u >> self.shift;
+        let largest = self.one_by_one(u, before);
+        let u = u + ((head as i32) << self.step_shift);
+        let start = (u >> self.shift) as usize;
         let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-        let cell_of = _mm256_srlv_epi32(lanes, _mm256_set1_epi32(period.trailing_zeros() as i32));
+        let cell_of = _mm256_srl_epi32(lanes, _mm_cvtsi32_si128(period_shift as i32));
         let within = _mm256_and_si256(lanes, _mm256_set1_epi32(period - 1));
         let a = _mm256_add_epi32(
             _mm256_set1_epi32(u & (extent - 1)),
-            _mm256_mullo_epi32(within, _mm256_set1_epi32(self.step)),
+            _mm256_sll_epi32(within, _mm_cvtsi32_si128(self.step_shift as i32)),
         );
         let (is_after, along) = self.sides(a);
-        let cells_at_once = LANES / period as usize;
+        let cells_at_once = LANES >> period_shift;
         let (vectors, _) = rest.as_chunks::<LANES>();
-        let whole = ((self.cells - start).max(0) as usize / cells_at_once).min(vectors.len());
+        let whole = (self.cells as usize).saturating_sub(start) / cells_at_once;
+        let whole = whole.min(vectors.len());
         let mut greatest = _mm256_setzero_si256();
         for (number, heights) in vectors[..whole].iter().enumerate() {
-            let cell = start as usize + number * cells_at_once;
+            let cell = start + number * cells_at_once;
             let (edges, next) = (
                 &self.edges[cell..][..LANES],
                 &self.edges[cell + 1..][..LANES],
             );
-            let slopes = self.slopes.map(|slopes| &slopes[cell..][..LANES]);
+            let first = &self.slopes[0][cell..][..LANES];
+            let second = &self.slopes[1][cell..][..LANES];
             // SAFETY: each slice has eight numbers.
-            let all = unsafe {
-                [
+            let (left, right, first, second) = unsafe {
+                (
                     load(edges.as_ptr()),
                     load(next.as_ptr()),
-                    load(slopes[0].as_ptr()),
-                    load(slopes[1].as_ptr()),
-                ]
+                    load(first.as_ptr()),
+                    load(second.as_ptr()),
+                )
             };
-            let [left, right, first, second] =
-                all.map(|own| _mm256_permutevar8x32_epi32(own, cell_of));
+            let left = _mm256_permutevar8x32_epi32(left, cell_of);
+            let right = _mm256_permutevar8x32_epi32(right, cell_of);
+            let first = _mm256_permutevar8x32_epi32(first, cell_of);
+            let second = _mm256_permutevar8x32_epi32(second, cell_of);
             let base = _mm256_blendv_epi8(left, right, is_after);
             let slope = _mm256_blendv_epi8(first, second, is_after);
             // SAFETY: there are eight heights.
             let heights = unsafe { load(heights.as_ptr()) };
             greatest = _mm256_max_epi32(greatest, self.difference(base, slope, along, heights));
         }
-        largest = largest.max(greatest_of(greatest));
         let done = whole * LANES;
-        largest.max(self.one_by_one(u + done as i32 * self.step, &rest[done..]))
+        let after = self.one_by_one(u + ((done as i32) << self.step_shift), &rest[done..]);
+        largest.max(greatest_of(greatest)).max(after)
     }
 
     /// Cells of eight samples or more: a vector lies in one.
@@ -184,24 +183,21 @@ impl Samples<'_> {
     fn in_long_cells(&self, mut u: i32) -> i32 {
         let extent = 1 << self.shift;
         let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-        let steps = _mm256_mullo_epi32(lanes, _mm256_set1_epi32(self.step));
+        let steps = _mm256_sll_epi32(lanes, _mm_cvtsi32_si128(self.step_shift as i32));
         let (mut rest, mut greatest) = (self.heights, _mm256_setzero_si256());
         while !rest.is_empty() {
             let cell = (u >> self.shift).min(self.cells - 1);
             let first = u - (cell << self.shift);
             let last = extent - i32::from(cell + 1 < self.cells);
-            let count = ((last - first) / self.step + 1) as usize;
+            let count = (((last - first) >> self.step_shift) + 1) as usize;
             let (own, others) = rest.split_at(count.min(rest.len()));
             let cell = cell as usize;
-            let [left, right, one, two] = [
-                self.edges[cell],
-                self.edges[cell + 1],
-                self.slopes[0][cell],
-                self.slopes[1][cell],
-            ]
-            .map(|own| _mm256_set1_epi32(own));
+            let left = _mm256_set1_epi32(self.edges[cell]);
+            let right = _mm256_set1_epi32(self.edges[cell + 1]);
+            let one = _mm256_set1_epi32(self.slopes[0][cell]);
+            let two = _mm256_set1_epi32(self.slopes[1][cell]);
             for (number, own) in own.chunks(LANES).enumerate() {
-                let start = first + (number * LANES) as i32 * self.step;
+                let start = first + (((number * LANES) as i32) << self.step_shift);
                 let a = _mm256_add_epi32(_mm256_set1_epi32(start), steps);
                 let (is_after, along) = self.sides(a);
                 let base = _mm256_blendv_epi8(left, right, is_after);
@@ -219,7 +215,7 @@ impl Samples<'_> {
                 let counts = _mm256_cmpgt_epi32(_mm256_set1_epi32(own.len() as i32), lanes);
                 greatest = _mm256_max_epi32(greatest, _mm256_and_si256(all, counts));
             }
-            u += own.len() as i32 * self.step;
+            u += (own.len() as i32) << self.step_shift;
             rest = others;
         }
         greatest_of(greatest)
@@ -264,7 +260,7 @@ impl Samples<'_> {
                 self.edges[cell + 1].wrapping_sub(back)
             };
             largest = largest.max((height << self.shift).wrapping_sub(surface).abs());
-            u += self.step;
+            u += 1 << self.step_shift;
         }
         largest
     }
