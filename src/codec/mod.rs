@@ -17,6 +17,7 @@ mod standalone;
 mod standard;
 mod symbols;
 mod tables;
+mod trace;
 mod training;
 mod units;
 #[cfg(target_arch = "x86_64")]
@@ -33,7 +34,8 @@ pub use outline::Outline;
 pub use refined::Refined;
 pub use roots::RootCodec;
 pub use standalone::{DiamondCodec, DiamondOptions, DiamondView};
-pub use symbols::{SymbolCoder, Trace};
+pub use symbols::SymbolCoder;
 pub use tables::Census;
+pub use trace::Trace;
 pub use training::{Fit, ROUNDS, Trainer};
 pub use units::Units;

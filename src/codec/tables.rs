@@ -1,7 +1,7 @@
 //! From how often symbols came to the tables that they are coded by.
 
 use super::model::LevelModel;
-use super::symbols::Trace;
+use super::trace::Trace;
 use crate::entropy::frequency::{Counts, Frequencies};
 use crate::entropy::token::SYMBOLS;
 use crate::transform::adaptive::CONTEXTS;
