@@ -175,7 +175,7 @@ impl<'a> Place<'a> {
 
     /// All samples of the tile in the closed square, v by v.
     fn lines(&self) -> Vec<Line> {
-        if self.diamond.level() % 2 == 0 {
+        if self.diamond.level().is_multiple_of(2) {
             let row = |row: i64| {
                 let columns = self.columns(row);
                 let line = Line::Row {

@@ -163,6 +163,9 @@ pub(crate) enum Aim {
     FineDetails,
 }
 
+/// [`Surroundings::look_around`].
+type LookAround<T> = fn(&mut Neighbourhood<T>, &Weights, &mut [(Sight, i32)]);
+
 /// Functions that do a whole row at once, with the results of the portable ones.
 #[derive(Clone, Copy)]
 pub(super) struct Kernels<T> {
@@ -171,7 +174,7 @@ pub(super) struct Kernels<T> {
     /// [`Surroundings::complete`].
     pub complete: fn(&mut Neighbourhood<T>, &[i32]),
     /// [`Surroundings::look_around`].
-    pub look_around: fn(&mut Neighbourhood<T>, &Weights, &mut [(Sight, i32)]),
+    pub look_around: LookAround<T>,
 }
 
 /// To what a word keeps.
