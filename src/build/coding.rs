@@ -4,15 +4,17 @@
 use super::descent::{Descent, Input};
 use super::levels::Levels;
 use super::plane::Plane;
-use super::workers::map_in_order;
+use super::workers::{map_in_order, map_taken};
 use super::workspace::{Records, Workspace};
 use crate::codec::{
     BlockCodec, Census, Draft, Fit, LevelModel, MatrixModel, Model, ROUNDS, Refined, RootCodec,
-    Trainer, Units,
+    Trace, Trainer, Units,
 };
+
 use crate::transform::adaptive::Weights;
 use crate::transform::{LONGEST_LIST, ListedHeights, TransformKind};
 use crate::{Error, Result};
+use crossbeam::queue::SegQueue;
 use std::ops::Range;
 
 /// Samples that a level needs for a model of its own. The coarse levels up to the first with as many share one.
@@ -78,7 +80,7 @@ impl<'a> Coding<'a, '_> {
             };
             let blocks = &mut coded.blocks;
             coded.descent.code_level(code, |block, samples| {
-                blocks.push(&block)?;
+                blocks.push(block)?;
                 step(samples)
             })?;
             self.save(&mut coded, level..level + 1)?;
@@ -106,21 +108,28 @@ impl<'a> Coding<'a, '_> {
                 Some(model) => self.weights_of(model.level(start)),
                 None => self.train(&coded.descent, start..end, step)?,
             };
-            let mut census = Census::new(weights.len());
-            let mut drafts = Records::new(self.workspace, "drafts")?;
+            let counts = Counts::new(weights.len());
+            let mut drafts = Drafts::new(self.workspace)?;
             for _ in start..end {
-                self.draft_level(&mut coded.descent, &weights, |draft, samples| {
-                    let trace = draft.trace().into_iter();
-                    trace.for_each(|trace| census.add(trace));
-                    drafts.push(&draft.to_bytes())?;
+                let code = |input: Input| {
+                    let (draft, refined) = self.draft(&weights, &input);
+                    draft
+                        .trace()
+                        .into_iter()
+                        .for_each(|trace| counts.add(trace));
+                    Ok((draft, refined))
+                };
+                coded.descent.code_level(code, |draft, samples| {
+                    drafts.push(draft)?;
                     step(samples)
                 })?;
             }
+            let census = counts.into_census();
             let model = match known {
                 Some(model) => model.level(start).clone(),
                 None => tables(&census, weights),
             };
-            self.finish(&drafts, &model, &mut coded.blocks)?;
+            self.finish(drafts, &model, &mut coded.blocks)?;
             groups.push((model, end));
             coded.model = Some(model_of(groups.clone()));
             self.save(&mut coded, start..end)?;
@@ -182,15 +191,26 @@ impl<'a> Coding<'a, '_> {
     }
 
     /// Drafts to blocks.
-    fn finish(&self, drafts: &Records, model: &LevelModel, blocks: &mut Records) -> Result<()> {
-        let finish = |number: usize| -> Result<Vec<u8>> {
-            let mut scratch = Vec::new();
-            let draft = Draft::from_bytes(drafts.get(number, &mut scratch)?);
-            Ok(self.blocks.finish(&draft, Some(model)))
+    fn finish(&self, drafts: Drafts, model: &LevelModel, blocks: &mut Records) -> Result<()> {
+        let mut push = |_: usize, block: Result<Vec<u8>>| {
+            let mut block = block?;
+            block.shrink_to_fit();
+            blocks.push(block)
         };
-        map_in_order(self.threads, drafts.count(), finish, |_, block| {
-            blocks.push(&block?)
-        })
+        match drafts {
+            Drafts::Memory(drafts) => {
+                let finish = |_, draft: Draft| Ok(self.blocks.finish(&draft, Some(model)));
+                map_taken(self.threads, drafts.into_iter(), finish, push)
+            }
+            Drafts::Spilled(records) => {
+                let finish = |number: usize| {
+                    let mut scratch = Vec::new();
+                    let draft = Draft::from_bytes(records.get(number, &mut scratch)?);
+                    Ok(self.blocks.finish(&draft, Some(model)))
+                };
+                map_in_order(self.threads, records.count(), finish, &mut push)
+            }
+        }
     }
 
     /// The level after the group that begins with `start`.
@@ -225,7 +245,8 @@ impl<'a> Coding<'a, '_> {
             let (mut begun, _) = self.descent(&Workspace::Memory)?;
             let fixed = vec![Weights::fixed(); matrices];
             for _ in levels.start..levels.end - 1 {
-                self.draft_level(&mut begun, &fixed, |_, _| step(0))?;
+                let code = |input: Input| Ok(((), self.draft(&fixed, &input).1));
+                begun.code_level(code, |(), _| step(0))?;
             }
             trial = Some(begun);
         }
@@ -264,20 +285,63 @@ impl<'a> Coding<'a, '_> {
         (ranks.end - ranks.start) * (lattice.cells() * lattice.cells()) as u64
     }
 
-    /// Takes the next level to drafts. `consume` gets each with the number of samples.
-    fn draft_level(
-        &self,
-        descent: &mut Descent,
-        weights: &[Weights],
-        consume: impl FnMut(Draft, u64) -> Result<()>,
-    ) -> Result<()> {
-        descent.code_level(|input: Input| Ok(self.draft(weights, &input)), consume)
-    }
-
     fn draft(&self, weights: &[Weights], input: &Input) -> (Draft, Refined) {
         let (vertices, outline) = (input.vertices, input.outline);
         self.blocks
             .draft(weights, vertices, outline, input.target, input.voids)
+    }
+}
+
+/// The drafts of some levels, until their tables are known.
+enum Drafts {
+    Memory(Vec<Draft>),
+    /// As bytes.
+    Spilled(Records),
+}
+
+impl Drafts {
+    fn new(workspace: &Workspace) -> Result<Drafts> {
+        Ok(match workspace {
+            Workspace::Memory => Drafts::Memory(Vec::new()),
+            _ => Drafts::Spilled(Records::new(workspace, "drafts")?),
+        })
+    }
+
+    fn push(&mut self, draft: Draft) -> Result<()> {
+        match self {
+            Drafts::Memory(drafts) => drafts.push(draft),
+            Drafts::Spilled(records) => records.push(draft.to_bytes())?,
+        }
+        Ok(())
+    }
+}
+
+/// Symbols counted by several threads, each of which takes a census that no other has.
+struct Counts {
+    matrices: usize,
+    idle: SegQueue<Census>,
+}
+
+impl Counts {
+    fn new(matrices: usize) -> Counts {
+        Counts {
+            matrices,
+            idle: SegQueue::new(),
+        }
+    }
+
+    fn add(&self, trace: &Trace) {
+        let idle = self.idle.pop();
+        let mut own = idle.unwrap_or_else(|| Census::new(self.matrices));
+        own.add(trace);
+        self.idle.push(own);
+    }
+
+    /// The symbols of all: sums of integers, whoever counted what.
+    fn into_census(self) -> Census {
+        let mut all = Census::new(self.matrices);
+        self.idle.into_iter().for_each(|own| all.merge(&own));
+        all
     }
 }
 

@@ -3,7 +3,7 @@
 use super::levels::Levels;
 use super::workers::map_in_order;
 use super::workspace::{Records, Workspace};
-use crate::codec::{Matrix, Outline, Refined, RootCodec, child_vertices};
+use crate::codec::{Matrix, MatrixView, Outline, Refined, RootCodec, child_vertices};
 use crate::lattice::Diamond;
 use crate::transform::Target;
 use crate::{Error, Result};
@@ -112,8 +112,8 @@ impl<'a> Descent<'a> {
         };
         map_in_order(self.threads, diamonds.len(), work, |_, done| {
             let (made, (vertices, refined), range, samples) = done?;
-            reached.vertices.push(&vertices)?;
-            reached.refined.push(&refined)?;
+            reached.vertices.push(vertices)?;
+            reached.refined.push(refined)?;
             ranges.push(range);
             consume(made, samples)
         })?;
@@ -179,17 +179,29 @@ impl<'a> Descent<'a> {
         if diamond == lattice.root() {
             return Ok(self.root.clone());
         }
+        let (cells, components) = (lattice.cells(), self.components());
+        let entries = [cells + 1, cells].map(|side| components * side * side);
+        let mut scratch: [[Vec<u8>; 2]; 2] = Default::default();
+        let mut aligned: [[Vec<i32>; 2]; 2] = Default::default();
         let mut parents = [None, None];
-        for (known, parent) in parents.iter_mut().zip(lattice.parents(diamond)) {
-            if let Some(parent) = parent {
-                let (vertices, refined) = (self.vertices(parent)?, self.refined(parent)?);
-                *known = Some(refined.into_matrices(vertices));
-            }
+        let rooms = scratch.iter_mut().zip(&mut aligned);
+        let both = parents.iter_mut().zip(lattice.parents(diamond));
+        for ((known, parent), ([scratch, other], [vertices, centres])) in both.zip(rooms) {
+            let Some((level, number)) = parent.map(|parent| self.place(parent)) else {
+                continue;
+            };
+            let reached = &self.reached[level];
+            let [centre_bytes, next] = split_refined(reached.refined.get(number, scratch)?);
+            let own = if next.is_empty() {
+                reached.vertices.get(number, other)?
+            } else {
+                next
+            };
+            *known = Some((
+                view_of(own, entries[0], vertices),
+                view_of(centre_bytes, entries[1], centres),
+            ));
         }
-        let parents = parents.each_ref().map(|known| {
-            let (vertices, centres) = known.as_ref()?;
-            Some((vertices, centres))
-        });
         Ok(child_vertices(lattice, diamond, parents))
     }
 
@@ -273,20 +285,48 @@ fn matrix_of(bytes: &[u8], count: usize) -> Matrix {
     }
 }
 
+/// The same where it lies, or where bytes are not aligned, in `room`.
+fn view_of<'a>(bytes: &'a [u8], count: usize, room: &'a mut Vec<i32>) -> MatrixView<'a> {
+    let (values, valid) = bytes.split_at(4 * count);
+    let values = bytemuck::try_cast_slice(values).unwrap_or_else(|_| {
+        *room = bytemuck::pod_collect_to_vec(values);
+        room
+    });
+    MatrixView {
+        values,
+        valid: (!valid.is_empty()).then_some(valid),
+    }
+}
+
 /// What refining gave as bytes: the length of the centres', those, and the vertices' if there are any.
 fn refined_bytes(refined: &Refined) -> Vec<u8> {
-    let centres = matrix_bytes(&refined.centres);
-    let vertices = refined.vertices.as_ref().map(matrix_bytes);
-    let length = centres.len().to_ne_bytes();
-    [&length, &centres[..], &vertices.unwrap_or_default()].concat()
+    let length =
+        |matrix: &Matrix| 4 * matrix.values.len() + matrix.valid.as_ref().map_or(0, |v| v.len());
+    let centres = length(&refined.centres);
+    let all = size_of::<usize>() + centres + refined.vertices.as_ref().map_or(0, length);
+    let mut bytes = Vec::with_capacity(all);
+    bytes.extend(centres.to_ne_bytes());
+    for matrix in [Some(&refined.centres), refined.vertices.as_ref()]
+        .into_iter()
+        .flatten()
+    {
+        bytes.extend_from_slice(bytemuck::cast_slice(&matrix.values));
+        bytes.extend_from_slice(matrix.valid.as_deref().unwrap_or_default());
+    }
+    bytes
+}
+
+/// The bytes of the centres, and those of the vertices if there are any.
+fn split_refined(bytes: &[u8]) -> [&[u8]; 2] {
+    let (length, rest) = bytes.split_at(size_of::<usize>());
+    let mut own = [0; size_of::<usize>()];
+    own.copy_from_slice(length);
+    rest.split_at(usize::from_ne_bytes(own)).into()
 }
 
 /// What has these bytes, with so many centres and vertices.
 fn refined_of(bytes: &[u8], [centres, vertices]: [usize; 2]) -> Refined {
-    let (length, rest) = bytes.split_at(size_of::<usize>());
-    let mut own = [0; size_of::<usize>()];
-    own.copy_from_slice(length);
-    let (centre_bytes, vertex_bytes) = rest.split_at(usize::from_ne_bytes(own));
+    let [centre_bytes, vertex_bytes] = split_refined(bytes);
     Refined {
         vertices: (!vertex_bytes.is_empty()).then(|| matrix_of(vertex_bytes, vertices)),
         centres: matrix_of(centre_bytes, centres),
@@ -295,10 +335,7 @@ fn refined_of(bytes: &[u8], [centres, vertices]: [usize; 2]) -> Refined {
 
 /// Least and greatest height of a matrix; of colours, of the first of their components.
 pub(super) fn extremes(matrix: &Matrix, components: usize) -> [i32; 2] {
-    let own = || matrix.values[..matrix.values.len() / components].iter();
-    let least = own().copied().min().unwrap_or_default();
-    let greatest = own().copied().max().unwrap_or_default();
-    [least, greatest]
+    crate::transform::adaptive::extremes(&matrix.values[..matrix.values.len() / components])
 }
 
 /// The least range that contains both.

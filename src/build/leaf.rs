@@ -1,11 +1,14 @@
 //! The leaf level as decoded, tile by tile, beside the samples that it stands for.
 
 use super::descent::Descent;
+use super::diagonals::Diagonals;
 use super::plane::{Scratch, is_void};
 use super::workers::map_in_order;
 use crate::Result;
 use crate::codec::{Components, Matrix};
 use crate::lattice::{Diamond, Lattice, centre_runs};
+use crate::vectors::widened;
+use std::cell::OnceCell;
 
 /// Samples along a tile's side, the last of which are the first of the next tile.
 const TILE: i64 = 256;
@@ -21,6 +24,7 @@ pub(super) struct Tile {
     pub(super) any_void: bool,
     /// The samples as given: `[sample * bands + band]`, row by row.
     given: Vec<f64>,
+    diagonals: OnceCell<Diagonals>,
 }
 
 /// How far decoded samples are from the given ones, in numbers of the raster.
@@ -32,6 +36,21 @@ pub(super) struct Deviation {
 }
 
 impl Deviation {
+    /// Takes in decoded numbers, which become errors. Their squares add up as one after the other would.
+    fn add(&mut self, decoded: &mut [f64], given: &[f64]) {
+        let (largest, are_whole) = subtract(decoded, given);
+        let most = self.sum_of_squares + largest * largest * decoded.len() as f64;
+        if are_whole && self.sum_of_squares.fract() == 0.0 && most < GREATEST_EXACT {
+            self.sum_of_squares += sum_of_squares(decoded);
+        } else {
+            for error in &*decoded {
+                self.sum_of_squares += error * error;
+            }
+        }
+        self.largest = self.largest.max(largest);
+        self.count += decoded.len() as u64;
+    }
+
     fn merge(&mut self, other: Deviation) {
         self.largest = self.largest.max(other.largest);
         self.sum_of_squares += other.sum_of_squares;
@@ -88,6 +107,7 @@ impl Tile {
             voids: Vec::new(),
             any_void: false,
             given: Vec::with_capacity(count * plane.bands),
+            diagonals: OnceCell::new(),
         };
         let mut scratch = Scratch::default();
         for row in first[1]..=last[1] {
@@ -115,6 +135,7 @@ impl Tile {
             voids: vec![false; count],
             any_void: false,
             given: Vec::new(),
+            diagonals: OnceCell::new(),
         };
         let side = lattice.cells() + 1;
         for diamond in lattice.diamonds_around(lattice.levels() - 1, first, last) {
@@ -143,6 +164,7 @@ impl Tile {
             any_void: voids.contains(&true),
             voids,
             given: Vec::new(),
+            diagonals: OnceCell::new(),
         }
     }
 
@@ -152,6 +174,7 @@ impl Tile {
         self.voids[index] = height.is_none();
         self.heights[index] = height.unwrap_or_default();
         self.any_void = self.any_void || height.is_none();
+        self.diagonals.take();
     }
 
     /// The height of a sample; `None` for a void.
@@ -253,27 +276,73 @@ impl Tile {
         &own[self.index([columns[0], row])..=self.index([columns[1], row])]
     }
 
+    /// The heights along diagonals.
+    pub(super) fn diagonals(&self) -> &Diagonals {
+        self.diagonals.get_or_init(|| {
+            let sides = [0, 1].map(|axis| (self.last[axis] - self.first[axis] + 1) as usize);
+            Diagonals::new(self.first, sides, &self.heights)
+        })
+    }
+
     /// How far the samples up to column and row `end` are from the given ones.
     fn deviation(&self, components: &Components, end: [i64; 2]) -> Deviation {
-        let (bands, count) = (self.given.len() / self.voids.len(), self.voids.len());
+        let bands = self.given.len() / self.voids.len();
+        let width = (end[0] - self.first[0] + 1) as usize;
         let mut deviation = Deviation::default();
-        let mut decoded = vec![0.0; bands];
+        let mut decoded = vec![0.0; width * bands];
         for row in self.first[1]..=end[1] {
-            for index in self.index([self.first[0], row])..=self.index([end[0], row]) {
-                if self.voids[index] {
-                    continue;
-                }
-                let unit = |component: usize| self.heights[component * count + index];
-                components.to_sample(unit, &mut decoded);
-                let given = &self.given[index * bands..(index + 1) * bands];
-                for (decoded, given) in decoded.iter().zip(given) {
-                    let error = (decoded - given).abs();
-                    deviation.largest = deviation.largest.max(error);
-                    deviation.sum_of_squares += error * error;
-                    deviation.count += 1;
-                }
+            let columns = [self.first[0], end[0]];
+            components.to_samples(
+                |component| self.heights(component, row, columns),
+                &mut decoded,
+            );
+            let start = self.index([self.first[0], row]);
+            let given = &self.given[start * bands..(start + width) * bands];
+            if self.any_void && self.voids[start..start + width].contains(&true) {
+                // A void is NaN in all bands.
+                let both = decoded
+                    .iter()
+                    .zip(given)
+                    .filter(|(_, given)| !given.is_nan());
+                both.for_each(|(decoded, given)| deviation.add(&mut [*decoded], &[*given]));
+            } else {
+                deviation.add(&mut decoded, given);
             }
         }
         deviation
+    }
+}
+
+/// Sums of integers up to here are exact in `f64`.
+const GREATEST_EXACT: f64 = (1u64 << 53) as f64;
+/// A sum with it has no bits for fractions.
+const WHOLE: f64 = 1.5 * (1u64 << 52) as f64;
+
+widened! {
+    /// Replaces decoded numbers by their errors; the largest, and whether all are integers.
+    fn subtract(decoded: &mut [f64], given: &[f64]) -> (f64, bool) {
+        let (mut largest, mut are_whole) = (0.0, true);
+        for (decoded, &given) in decoded.iter_mut().zip(given) {
+            let error = (*decoded - given).abs();
+            largest = if error > largest { error } else { largest };
+            are_whole &= (error + WHOLE) - WHOLE == error;
+            *decoded = error;
+        }
+        (largest, are_whole)
+    }
+}
+
+widened! {
+    /// A sum of squares in any order.
+    fn sum_of_squares(numbers: &[f64]) -> f64 {
+        let (chunks, rest) = numbers.as_chunks::<16>();
+        let mut sums = [0.0; 16];
+        for chunk in chunks {
+            for (sum, number) in sums.iter_mut().zip(chunk) {
+                *sum += number * number;
+            }
+        }
+        let all = sums.iter().sum::<f64>();
+        rest.iter().fold(all, |sum, number| sum + number * number)
     }
 }

@@ -59,41 +59,61 @@ impl<'a> Levels<'a> {
             None => self.centres(diamond, outline)?,
         };
         let (has_voids, cells) = (self.plane.void_samples > 0, self.lattice.cells());
-        let is_void = |index: usize| {
-            let valid = valid.as_ref().is_none_or(|valid| valid[index] != 0);
-            u8::from(!valid && outline.is_codable(index))
-        };
-        let voids = has_voids.then(|| (0..cells * cells).map(is_void).collect());
+        let voids = has_voids.then(|| {
+            let Some(valid) = &valid else {
+                return vec![0; cells * cells].into();
+            };
+            let is_void = |index: usize| u8::from(valid[index] == 0 && outline.is_codable(index));
+            (0..cells * cells).map(is_void).collect()
+        });
         Ok(NextCentres { heights, voids })
     }
 
     /// The samples at a diamond's codable centres in units, N^2 of each component, and which are valid.
     fn centres(&self, diamond: Diamond, outline: &Outline) -> Result<(Box<[i32]>, Mask)> {
-        let (lattice, bands) = (self.lattice, self.plane.bands);
+        let (lattice, plane) = (self.lattice, self.plane);
         let cells = lattice.cells();
         let count = cells * cells;
         let mut heights = vec![0; self.components.count() * count].into_boxed_slice();
-        let mut valid = vec![0; count].into_boxed_slice();
-        let mut scratch = Scratch::default();
+        // Without voids all that can be coded is valid.
+        let mut valid = (plane.void_samples > 0).then(|| vec![0; count].into_boxed_slice());
+        let (mut scratch, mut units) = (Scratch::default(), Vec::new());
         let rows = 0..i64::from(lattice.height());
         for run in centre_runs(lattice.placement(diamond), cells) {
             let run = run.within(0, i64::from(lattice.width()) - 1);
             let Some(run) = run.filter(|run| rows.contains(&run.row)) else {
                 continue;
             };
-            let samples = self.plane.read_run(run, &mut scratch)?;
-            for (k, sample) in samples.chunks_exact(bands).enumerate() {
-                let index = run.index + k * run.stride;
-                if is_void(sample) || !outline.is_codable(index) {
-                    continue;
+            let samples = plane.read_run(run, &mut scratch)?;
+            units.resize(run.count, 0);
+            for (component, heights) in heights.chunks_exact_mut(count).enumerate() {
+                self.components.to_units(component, samples, &mut units);
+                for (k, &unit) in units.iter().enumerate() {
+                    heights[run.index + k * run.stride] = unit;
                 }
-                valid[index] = 1;
-                for (component, heights) in heights.chunks_exact_mut(count).enumerate() {
-                    heights[index] = self.components.to_unit(component, sample);
+            }
+            let Some(valid) = &mut valid else { continue };
+            for (k, sample) in samples.chunks_exact(plane.bands).enumerate() {
+                let index = run.index + k * run.stride;
+                if is_void(sample) {
+                    let own = heights[index..].iter_mut().step_by(count);
+                    own.for_each(|height| *height = 0);
+                } else {
+                    valid[index] = 1;
                 }
             }
         }
-        Ok((heights, Some(valid).filter(|valid| valid.contains(&0))))
+        if let Some(codable) = &outline.codable {
+            for heights in heights.chunks_exact_mut(count) {
+                let both = heights.iter_mut().zip(codable);
+                both.for_each(|(height, &codable)| *height *= i32::from(codable));
+            }
+            valid = Some(match valid {
+                Some(valid) => valid.iter().zip(codable).map(|(a, b)| a & b).collect(),
+                None => codable.clone(),
+            });
+        }
+        Ok((heights, valid.filter(|valid| valid.contains(&0))))
     }
 
     /// The heights that the vertices of the diamond of this rank should have on the next level, (N+1)^2 of

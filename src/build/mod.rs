@@ -4,6 +4,7 @@ mod bound;
 mod builder;
 mod coding;
 mod descent;
+mod diagonals;
 mod filtered;
 mod leaf;
 mod levels;
@@ -12,6 +13,9 @@ mod rms;
 pub mod source;
 mod summaries;
 mod surface;
+mod triangles;
+#[cfg(target_arch = "x86_64")]
+mod triangles_avx2;
 mod update;
 mod workers;
 mod working_store;

@@ -1,10 +1,11 @@
 //! The whole raster, in memory or in a temporary file.
 
 use super::source::RasterSource;
-use super::workers::map_in_order;
+use super::workers::map_taken;
 use super::workspace::{Spill, Workspace};
 use crate::geo::{RasterInfo, SampleType};
 use crate::lattice::CentreRun;
+use crate::vectors::widened;
 use crate::{Error, Result};
 
 /// Samples as their source gave them, row by row; a void is NaN in all bands.
@@ -32,10 +33,8 @@ pub(super) struct Scratch {
 /// What the samples are called in a working store, and what is told of them.
 const NUMBERS: &str = "samples";
 const SAVED: &str = "plane";
-/// Samples asked of a source at a time.
-const BAND_SAMPLES: usize = 1 << 20;
-/// Of those, samples looked at by one thread.
-const PIECE_SAMPLES: usize = 1 << 16;
+/// Samples asked of a source at a time: in `f64` they stay in a processor's own cache.
+const BAND_SAMPLES: usize = 1 << 15;
 
 impl Plane {
     /// Bytes that a number of this type is kept in.
@@ -74,17 +73,7 @@ impl Plane {
             sample_range: [f64::INFINITY, f64::NEG_INFINITY],
             void_samples: 0,
         };
-        let band_rows = (BAND_SAMPLES / width).max(1);
-        let mut band = Vec::new();
-        for row in (0..height).step_by(band_rows) {
-            let end = (row + band_rows).min(height);
-            band.resize((end - row) * width * bands, f64::NAN);
-            source.read_rows(&mut band)?;
-            plane.take(&band, row * width, source.info(), threads)?;
-            if !progress((end * width) as u64) {
-                return Err(Error::Cancelled);
-            }
-        }
+        plane.read_all(source, threads, &mut progress)?;
         if plane.void_samples == count as u64 {
             plane.sample_range = [0.0, 0.0];
         }
@@ -111,62 +100,51 @@ impl Plane {
         })
     }
 
-    /// Keeps the samples from number `start` on, and what is to be said of all of them.
-    fn take(
+    /// Keeps all samples of a source, and what is to be said of them. One thread at a time reads rows; what it
+    /// read it looks at by itself.
+    fn read_all(
         &mut self,
-        numbers: &[f64],
-        start: usize,
-        info: &RasterInfo,
+        source: &mut dyn RasterSource,
         threads: usize,
+        progress: &mut impl FnMut(u64) -> bool,
     ) -> Result<()> {
-        let pieces: Vec<&[f64]> = numbers.chunks(PIECE_SAMPLES * self.bands).collect();
-        let work = |index: usize| {
-            let told = self.look(pieces[index], start + index * PIECE_SAMPLES, info)?;
-            let bytes: Vec<u8> = if self.is_narrow {
-                let narrow = pieces[index].iter().map(|&number| number as f32);
-                narrow.flat_map(f32::to_ne_bytes).collect()
-            } else {
-                bytemuck::cast_slice(pieces[index]).to_vec()
-            };
-            Ok((told, bytes))
+        let info = source.info().clone();
+        let (width, height) = (self.width, self.height);
+        let band_rows = (BAND_SAMPLES / width).max(1);
+        let mut has_failed = false;
+        let bands = (0..height).step_by(band_rows).map_while(|row| {
+            let rows = band_rows.min(height - row);
+            let mut band = vec![f64::NAN; rows * info.row_length()];
+            let read = source.read_rows(&mut band);
+            let before = std::mem::replace(&mut has_failed, read.is_err());
+            (!before).then(|| read.map(|()| band))
+        });
+        let shape = Shape {
+            width,
+            is_narrow: self.is_narrow,
+            info: &info,
         };
-        let ([mut low, mut high], mut voids) = (self.sample_range, self.void_samples);
-        let mut kept = Vec::with_capacity(pieces.len());
-        map_in_order::<_, Error>(threads, pieces.len(), work, |_, done| {
-            let (([least, greatest], own_voids), bytes) = done?;
+        let work = |index: usize, band: Result<Vec<f64>>| {
+            let band = band?;
+            let told = shape.look(&band, index * band_rows * width)?;
+            Ok((told, shape.to_bytes(&band), band.len() / self.bands))
+        };
+        let ([mut low, mut high], mut voids, mut done) = (self.sample_range, 0, 0);
+        let numbers = &mut self.numbers;
+        map_taken(threads, bands, work, |_, made| {
+            let (([least, greatest], own_voids), bytes, samples) = made?;
             (low, high) = (low.min(least), high.max(greatest));
             voids += own_voids;
-            kept.push(bytes);
-            Ok(())
+            done += samples as u64;
+            numbers.append(&bytes)?;
+            if progress(done) {
+                Ok(())
+            } else {
+                Err(Error::Cancelled)
+            }
         })?;
         (self.sample_range, self.void_samples) = ([low, high], voids);
-        kept.iter().try_for_each(|bytes| self.numbers.append(bytes))
-    }
-
-    /// Least and greatest number of valid samples, of which the first has this number, and how many are void.
-    fn look(&self, numbers: &[f64], start: usize, info: &RasterInfo) -> Result<([f64; 2], u64)> {
-        let what = if self.bands == 1 { "height" } else { "colour" };
-        let ([mut low, mut high], mut voids) = ([f64::INFINITY, f64::NEG_INFINITY], 0);
-        for (offset, sample) in numbers.chunks_exact(self.bands).enumerate() {
-            if is_void(sample) {
-                voids += 1;
-                continue;
-            }
-            for &number in sample {
-                if !number.is_finite() || !info.sample_type.holds(number) {
-                    let index = start + offset;
-                    return Err(Error::Argument(format!(
-                        "the sample at column {}, row {} is {number}, which is no {} {what}",
-                        index % self.width,
-                        index / self.width,
-                        info.sample_type.name(),
-                    )));
-                }
-                low = low.min(number);
-                high = high.max(number);
-            }
-        }
-        Ok(([low, high], voids))
+        Ok(())
     }
 
     /// How many samples there are, valid and void.
@@ -200,12 +178,18 @@ impl Plane {
 
     /// Every `step`th of the numbers that these bytes keep.
     fn put_numbers(&self, bytes: &[u8], step: usize, numbers: &mut Vec<f64>) {
-        if self.is_narrow {
-            let own = bytes.as_chunks::<4>().0.iter().step_by(step);
-            numbers.extend(own.map(|&bytes| f64::from(f32::from_ne_bytes(bytes))));
-        } else {
+        let start = numbers.len();
+        if !self.is_narrow {
             let own = bytes.as_chunks::<8>().0.iter().step_by(step);
             numbers.extend(own.map(|&bytes| f64::from_ne_bytes(bytes)));
+        } else if step == 1 {
+            let (own, _) = bytes.as_chunks::<4>();
+            numbers.resize(start + own.len(), 0.0);
+            widen_numbers(own, &mut numbers[start..]);
+        } else {
+            let (own, _) = bytes.as_chunks::<4>();
+            let places = 0..own.len().div_ceil(step);
+            numbers.extend(places.map(|place| f64::from(f32::from_ne_bytes(own[place * step]))));
         }
     }
 
@@ -237,6 +221,124 @@ impl Plane {
             }
         }
         Ok(true)
+    }
+}
+
+/// What the samples of a source are like.
+struct Shape<'a> {
+    width: usize,
+    is_narrow: bool,
+    info: &'a RasterInfo,
+}
+
+impl Shape<'_> {
+    /// Numbers as they are kept.
+    fn to_bytes(&self, numbers: &[f64]) -> Vec<u8> {
+        if !self.is_narrow {
+            return bytemuck::cast_slice(numbers).to_vec();
+        }
+        let mut bytes = vec![0; 4 * numbers.len()];
+        let (narrow, _) = bytes.as_chunks_mut::<4>();
+        narrow_numbers(numbers, narrow);
+        bytes
+    }
+
+    /// Least and greatest number of valid samples, of which the first has this number, and how many are void.
+    fn look(&self, numbers: &[f64], start: usize) -> Result<([f64; 2], u64)> {
+        let (info, bands) = (self.info, usize::from(self.info.bands));
+        if let Some(told) = self.survey(numbers) {
+            return Ok(told);
+        }
+        let what = if bands == 1 { "height" } else { "colour" };
+        let ([mut low, mut high], mut voids) = ([f64::INFINITY, f64::NEG_INFINITY], 0);
+        for (offset, sample) in numbers.chunks_exact(bands).enumerate() {
+            if is_void(sample) {
+                voids += 1;
+                continue;
+            }
+            for &number in sample {
+                if !number.is_finite() || !info.sample_type.holds(number) {
+                    let index = start + offset;
+                    return Err(Error::Argument(format!(
+                        "the sample at column {}, row {} is {number}, which is no {} {what}",
+                        index % self.width,
+                        index / self.width,
+                        info.sample_type.name(),
+                    )));
+                }
+                low = low.min(number);
+                high = high.max(number);
+            }
+        }
+        Ok(([low, high], voids))
+    }
+
+    /// The same at once, where nothing is wrong and no colour is void.
+    fn survey(&self, numbers: &[f64]) -> Option<([f64; 2], u64)> {
+        let own = survey(numbers);
+        let mut range = own.range;
+        let is_exact = match self.info.sample_type {
+            SampleType::F64 => true,
+            SampleType::F32 => own.are_single,
+            _ => own.are_whole,
+        };
+        let has_type = |&end: &f64| end.is_finite() && self.info.sample_type.holds(end);
+        let is_empty = own.voids == numbers.len() as u64;
+        if !is_exact || !is_empty && !range.iter().all(has_type) {
+            return None;
+        }
+        for end in range.iter_mut().filter(|end| **end == 0.0) {
+            // Of the two zeros the first one.
+            *end = numbers.iter().copied().find(|&number| number == 0.0)?;
+        }
+        (own.voids == 0 || self.info.bands == 1).then_some((range, own.voids))
+    }
+}
+
+/// What is said of some numbers.
+struct Survey {
+    /// Least and greatest of those that are not NaN.
+    range: [f64; 2],
+    /// How many are NaN.
+    voids: u64,
+    /// The others are integers, if their sizes are below 2^51.
+    are_whole: bool,
+    /// The others are exact in 32 bits.
+    are_single: bool,
+}
+
+/// A sum with it has no bits for fractions.
+const WHOLE: f64 = 1.5 * (1u64 << 52) as f64;
+
+widened! {
+    fn survey(numbers: &[f64]) -> Survey {
+        let (mut low, mut high, mut voids) = (f64::INFINITY, f64::NEG_INFINITY, 0);
+        let (mut are_whole, mut are_single) = (true, true);
+        for &number in numbers {
+            low = if number < low { number } else { low };
+            high = if number > high { number } else { high };
+            let is_void = number.is_nan();
+            voids += u64::from(is_void);
+            are_whole &= is_void | ((number + WHOLE) - WHOLE == number);
+            are_single &= is_void | (f64::from(number as f32) == number);
+        }
+        Survey { range: [low, high], voids, are_whole, are_single }
+    }
+}
+
+widened! {
+    fn narrow_numbers(numbers: &[f64], narrow: &mut [[u8; 4]]) {
+        for (narrow, &number) in narrow.iter_mut().zip(numbers) {
+            *narrow = (number as f32).to_ne_bytes();
+        }
+    }
+}
+
+widened! {
+    fn widen_numbers(narrow: &[[u8; 4]], numbers: &mut [f64]) {
+        for (number, &narrow) in numbers.iter_mut().zip(narrow) {
+            *number = f64::from(f32::from_ne_bytes(narrow));
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crossbeam::channel;
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// Threads for `requested`, where 0 means all that the machine has.
 pub(super) fn thread_count(requested: usize) -> usize {
@@ -15,22 +15,43 @@ pub(super) fn thread_count(requested: usize) -> usize {
 }
 
 /// Applies `work` to every index below `count` on `threads` threads and hands the results, in the order
-/// of their indices, to `consume` on this thread. Stops at its first error.
+/// of their indices, to `consume` on this thread. Stops at its first error. One thread is this one.
 pub(super) fn map_in_order<R: Send, E>(
     threads: usize,
     count: usize,
     work: impl Fn(usize) -> R + Sync,
+    consume: impl FnMut(usize, R) -> Result<(), E>,
+) -> Result<(), E> {
+    map_taken(
+        threads.min(count),
+        0..count,
+        |_, index| work(index),
+        consume,
+    )
+}
+
+/// As [`map_in_order`], for what `items` gives, which one thread at a time asks for the next.
+pub(super) fn map_taken<T, R: Send, E>(
+    threads: usize,
+    mut items: impl Iterator<Item = T> + Send,
+    work: impl Fn(usize, T) -> R + Sync,
     mut consume: impl FnMut(usize, R) -> Result<(), E>,
 ) -> Result<(), E> {
-    let next = AtomicUsize::new(0);
+    if threads < 2 {
+        let mut all = items.enumerate();
+        return all.try_for_each(|(index, item)| consume(index, work(index, item)));
+    }
+    let items = Mutex::new(items.by_ref().enumerate());
     let (sender, receiver) = channel::bounded(4 * threads);
     std::thread::scope(|scope| {
-        for _ in 0..threads.min(count) {
-            let (sender, next, work) = (sender.clone(), &next, &work);
+        for _ in 0..threads {
+            let (sender, items, work) = (sender.clone(), &items, &work);
             scope.spawn(move || {
                 loop {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    if index >= count || sender.send((index, work(index))).is_err() {
+                    // A thread that panicked took its item, and its panic goes on in the scope.
+                    let next = items.lock().unwrap_or_else(PoisonError::into_inner).next();
+                    let Some((index, item)) = next else { return };
+                    if sender.send((index, work(index, item))).is_err() {
                         return;
                     }
                 }

@@ -260,15 +260,28 @@ impl Spill {
 }
 
 /// Records of bytes by number, appended one after the other.
-pub(super) struct Records {
-    spill: Spill,
-    /// Where each ends.
-    ends: Vec<u64>,
+pub(super) enum Records {
+    Memory {
+        records: Vec<Vec<u8>>,
+        /// Of all.
+        bytes: u64,
+    },
+    Spilled {
+        spill: Spill,
+        /// Where each ends.
+        ends: Vec<u64>,
+    },
 }
 
 impl Records {
     pub(super) fn new(workspace: &Workspace, name: &str) -> Result<Records> {
-        Ok(Records {
+        if matches!(workspace, Workspace::Memory) {
+            return Ok(Records::Memory {
+                records: Vec::new(),
+                bytes: 0,
+            });
+        }
+        Ok(Records::Spilled {
             spill: Spill::new(workspace, name, 0)?,
             ends: Vec::new(),
         })
@@ -276,14 +289,19 @@ impl Records {
 
     /// As [`Spill::seal`].
     pub(super) fn seal(&mut self) -> Result<Vec<u8>> {
-        let ends: &[u8] = bytemuck::cast_slice(&self.ends);
-        Ok([&self.spill.seal()?, ends].concat())
+        match self {
+            Records::Memory { .. } => Ok(Vec::new()),
+            Records::Spilled { spill, ends } => {
+                let ends: &[u8] = bytemuck::cast_slice(ends);
+                Ok([&spill.seal()?, ends].concat())
+            }
+        }
     }
 
     /// As [`Spill::restore`].
     pub(super) fn restore(workspace: &Workspace, name: &str, seal: &[u8]) -> Result<Records> {
         let (spill, ends) = seal.split_at(SEAL_LENGTH.min(seal.len()));
-        Ok(Records {
+        Ok(Records::Spilled {
             spill: Spill::restore(workspace, name, spill)?,
             ends: bytemuck::pod_collect_to_vec(&ends[..ends.len() / 8 * 8]),
         })
@@ -291,28 +309,47 @@ impl Records {
 
     /// How many there are.
     pub(super) fn count(&self) -> usize {
-        self.ends.len()
+        match self {
+            Records::Memory { records, .. } => records.len(),
+            Records::Spilled { ends, .. } => ends.len(),
+        }
     }
 
     /// Bytes of all.
     pub(super) fn bytes(&self) -> u64 {
-        self.spill.length()
+        match self {
+            Records::Memory { bytes, .. } => *bytes,
+            Records::Spilled { spill, .. } => spill.length(),
+        }
     }
 
-    pub(super) fn push(&mut self, bytes: &[u8]) -> Result<()> {
-        self.spill.append(bytes)?;
-        self.ends.push(self.spill.length());
+    pub(super) fn push(&mut self, record: Vec<u8>) -> Result<()> {
+        match self {
+            Records::Memory { records, bytes } => {
+                *bytes += record.len() as u64;
+                records.push(record);
+            }
+            Records::Spilled { spill, ends } => {
+                spill.append(&record)?;
+                ends.push(spill.length());
+            }
+        }
         Ok(())
     }
 
     /// The record of a number below [`count`](Self::count), perhaps in `scratch`.
     pub(super) fn get<'a>(&'a self, number: usize, scratch: &'a mut Vec<u8>) -> Result<&'a [u8]> {
-        let start = match number {
-            0 => 0,
-            _ => self.ends[number - 1],
-        };
-        let length = (self.ends[number] - start) as usize;
-        self.spill.read(start, length, scratch)
+        match self {
+            Records::Memory { records, .. } => Ok(&records[number]),
+            Records::Spilled { spill, ends } => {
+                let start = match number {
+                    0 => 0,
+                    _ => ends[number - 1],
+                };
+                let length = (ends[number] - start) as usize;
+                spill.read(start, length, scratch)
+            }
+        }
     }
 }
 

@@ -191,6 +191,27 @@ impl Components {
         }
     }
 
+    /// As [`to_unit`](Self::to_unit), for as many samples as there are units; voids give any.
+    pub fn to_units(&self, component: usize, samples: &[f64], units: &mut [i32]) {
+        if let Components::Height(height) = self {
+            return height.to_units(samples, units);
+        }
+        let samples = samples.chunks_exact(self.count());
+        for (unit, sample) in units.iter_mut().zip(samples) {
+            *unit = self.to_unit(component, sample);
+        }
+    }
+
+    /// As [`to_sample`](Self::to_sample), for consecutive samples. `units` gives a component of all of them.
+    pub fn to_samples<'a>(&self, units: impl Fn(usize) -> &'a [i32], samples: &mut [f64]) {
+        if let Components::Height(height) = self {
+            return height.to_samples(units(0), samples);
+        }
+        for (index, sample) in samples.chunks_exact_mut(self.count()).enumerate() {
+            self.to_sample(|component| units(component)[index], sample);
+        }
+    }
+
     /// The sample of decoded components; never the nodata value. `units` gives each component.
     pub fn to_sample(&self, units: impl Fn(usize) -> i32, sample: &mut [f64]) {
         match self {

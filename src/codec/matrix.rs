@@ -36,15 +36,35 @@ impl Matrix {
     }
 }
 
+/// A matrix that lies elsewhere.
+#[derive(Clone, Copy, Debug)]
+pub struct MatrixView<'a> {
+    /// As [`Matrix::values`].
+    pub values: &'a [i32],
+    /// As [`Matrix::valid`].
+    pub valid: Option<&'a [u8]>,
+}
+
+impl<'a> From<&'a Matrix> for MatrixView<'a> {
+    fn from(matrix: &'a Matrix) -> MatrixView<'a> {
+        MatrixView {
+            values: &matrix.values,
+            valid: matrix.valid.as_deref(),
+        }
+    }
+}
+
 /// The vertex matrix of a diamond below the root, out of its parents' vertices and centres on its level
 /// ([`Refined`](super::Refined)), in the order of [`Lattice::parents`]; an absent half is reflected.
-pub fn child_vertices(
+pub fn child_vertices<'a, M: Into<MatrixView<'a>>>(
     lattice: &Lattice,
     child: Diamond,
-    parents: [Option<(&Matrix, &Matrix)>; 2],
+    parents: [Option<(M, M)>; 2],
 ) -> Matrix {
+    let parents: [Option<(MatrixView, MatrixView)>; 2] =
+        parents.map(|both| both.map(|(vertices, centres)| (vertices.into(), centres.into())));
     let (cells, side) = (lattice.cells(), lattice.cells() + 1);
-    let count = |matrix: &Matrix| matrix.values.len() / (side * side);
+    let count = |matrix: &MatrixView| matrix.values.len() / (side * side);
     let components = parents.iter().flatten().map(|(v, _)| count(v)).max();
     let mut values = vec![0; components.unwrap_or(1) * side * side].into_boxed_slice();
     let masked = parents
@@ -86,9 +106,9 @@ pub fn child_vertices(
     }
 }
 
-fn mask_or_ones(matrix: &Matrix, length: usize) -> std::borrow::Cow<'_, [u8]> {
-    match &matrix.valid {
-        Some(valid) => valid.as_ref().into(),
+fn mask_or_ones(matrix: MatrixView, length: usize) -> std::borrow::Cow<[u8]> {
+    match matrix.valid {
+        Some(valid) => valid.into(),
         None => vec![1; length].into(),
     }
 }

@@ -2,83 +2,14 @@
 //! diamond's matrices, row by row.
 
 use super::model::LevelModel;
+use super::trace::{Trace, UNCODED};
 use super::training::{Fit, Trainer};
-use crate::entropy::rans::{self, Decoder};
+use crate::entropy::rans::Decoder;
 use crate::transform::Quantiser;
 use crate::transform::adaptive::{
-    COMPANIONS, CONTEXTS, Outlook, Surroundings, WEIGHT_BITS, Weights, Workspace,
+    COMPANIONS, CONTEXTS, Outlook, Quarters, Surroundings, WEIGHT_BITS, Weights, Workspace,
 };
 use std::cell::RefCell;
-
-/// The context of an entry without a coefficient.
-const UNCODED: u8 = u8::MAX;
-
-/// The coefficients of a diamond with the context of each, matrix after matrix.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Trace {
-    /// Context of each entry among those of all matrices; [`UNCODED`] where it has no coefficient.
-    contexts: Vec<u8>,
-    /// N^2 for each matrix.
-    coefficients: Vec<i32>,
-}
-
-impl Trace {
-    /// Adds a row of coefficients, 0 where there is none.
-    fn add_row(&mut self, outlook: &Outlook, coefficients: &[i32], turns: bool) {
-        let start = self.coefficients.len();
-        self.coefficients.extend_from_slice(coefficients);
-        if turns {
-            turn(&mut self.coefficients[start..], &outlook.fractions);
-        }
-        self.contexts.extend_from_slice(&outlook.contexts);
-    }
-
-    /// Contexts and coefficients as they are in memory.
-    pub(super) fn as_bytes(&self) -> Vec<u8> {
-        [&self.contexts, bytemuck::cast_slice(&self.coefficients)].concat()
-    }
-
-    /// The trace that has these bytes.
-    pub(super) fn of_bytes(bytes: &[u8]) -> Trace {
-        // One byte and four an entry.
-        let (contexts, coefficients) = bytes.split_at(bytes.len() / 5);
-        Trace {
-            contexts: contexts.to_vec(),
-            coefficients: bytemuck::pod_collect_to_vec(coefficients),
-        }
-    }
-
-    /// Whether all coefficients are 0.
-    pub fn is_zero(&self) -> bool {
-        self.coefficients
-            .iter()
-            .all(|&coefficient| coefficient == 0)
-    }
-
-    /// Coefficients with their contexts; those without any are passed over.
-    pub fn coded(&self) -> impl Iterator<Item = (usize, i32)> + '_ {
-        let entries = self.contexts.iter().zip(&self.coefficients);
-        let coded = entries.filter(|(context, _)| **context != UNCODED);
-        coded.map(|(&context, &coefficient)| (usize::from(context), coefficient))
-    }
-
-    /// The trace as bytes; with `before` bytes before them they are a multiple of `multiple`.
-    pub(super) fn to_bytes(&self, model: &LevelModel, multiple: usize, before: usize) -> Vec<u8> {
-        let tables = model.tables();
-        let sure = tables.sure_context();
-        let contexts: Vec<u8> = self
-            .contexts
-            .iter()
-            .map(|&context| context.min(sure))
-            .collect();
-        let mut bytes = rans::encode(tables, &contexts, &self.coefficients, 0);
-        let short = (before + bytes.len()).next_multiple_of(multiple) - before - bytes.len();
-        if short > 0 {
-            bytes = rans::encode(tables, &contexts, &self.coefficients, bytes.len() + short);
-        }
-        bytes
-    }
-}
 
 /// A matrix of a diamond that is coded, and what is known before it.
 #[derive(Clone, Copy)]
@@ -209,7 +140,6 @@ impl SymbolCoder {
         trace: &mut Trace,
     ) -> (Box<[i32]>, Vec<i32>) {
         let cells = self.cells;
-        let [low, high] = self.quantiser.range();
         let mut centres = vec![0; cells * cells].into_boxed_slice();
         let mut kept = Vec::with_capacity(cells * cells);
         self.surround(task.vertices, |surroundings, outlook| {
@@ -221,13 +151,11 @@ impl SymbolCoder {
                 &mut centres,
                 |row, outlook, centres| {
                     own_contexts(&mut outlook.contexts, task, row, None);
-                    let target = &target[row * cells..(row + 1) * cells];
-                    for (i, centre) in centres.iter_mut().enumerate() {
-                        if outlook.contexts[i] != UNCODED {
-                            let prediction = outlook.predictions[i].clamp(low, high);
-                            *centre = self.quantiser.quantise(target[i], prediction);
-                        }
-                    }
+                    let places = row * cells..(row + 1) * cells;
+                    let coded = task.coded.map(|coded| &coded[places.clone()]);
+                    let target = &target[places];
+                    self.quantiser
+                        .quantise_row(target, &outlook.predictions, coded, centres);
                     trace.add_row(outlook, centres, self.turns);
                     kept.extend_from_slice(centres);
                     self.quantiser
@@ -250,28 +178,35 @@ impl SymbolCoder {
         let mut residuals = vec![0; cells * cells];
         let mut row = vec![0; cells];
         self.surround(task.vertices, |surroundings, outlook| {
-            let step = surroundings.quarters(self.step()) - surroundings.quarters(0);
-            for j in 0..cells {
+            let quarters = surroundings.quarters();
+            let step = f64::from(self.step()) * quarters.unit;
+            let mut sights = vec![Default::default(); cells];
+            for (j, residuals) in residuals.chunks_exact_mut(cells).enumerate() {
                 let company = self.foresee(surroundings, task, j, trainer.weights(), outlook);
-                for (i, centre) in row.iter_mut().enumerate() {
-                    let prediction = outlook.predictions[i].clamp(low, high);
-                    *centre = prediction;
-                    let index = j * cells + i;
-                    if task.coded.is_none_or(|coded| coded[index] != 0) {
-                        let coefficient = self.quantiser.quantise(target[index], prediction);
-                        residuals[index] = coefficient;
-                        *centre = self.quantiser.reconstruct(coefficient, prediction);
-                        let (sight, activity) = surroundings.sight(i, trainer.weights());
-                        let place = surroundings.quarters(target[index]);
-                        let predicted = surroundings.quarters(outlook.predictions[i]);
-                        let misses = [place - f64::from(sight.order_two), place - predicted];
-                        let told = company.told(i, surroundings);
-                        trainer.see(fit, &sight, activity, misses, told, step);
+                let places = j * cells..(j + 1) * cells;
+                let coded = task.coded.map(|coded| &coded[places.clone()]);
+                let target = &target[places];
+                self.quantiser
+                    .quantise_row(target, &outlook.predictions, coded, residuals);
+                row.copy_from_slice(residuals);
+                self.quantiser
+                    .reconstruct_row(&outlook.predictions, &mut row);
+                surroundings.look_around(trainer.weights(), &mut sights);
+                for (i, sight) in sights.iter().enumerate() {
+                    let prediction = outlook.predictions[i];
+                    if coded.is_some_and(|coded| coded[i] == 0) {
+                        row[i] = prediction.clamp(low, high);
+                        continue;
                     }
+                    let place = quarters.of(target[i]);
+                    let from_order_two = place - f64::from(sight.0.order_two);
+                    let misses = [from_order_two, place - quarters.of(prediction)];
+                    trainer.see(fit, sight, misses, company.told(i, quarters), step);
                 }
                 surroundings.complete(&row);
             }
         });
+        fit.settle();
         residuals
     }
 
@@ -341,23 +276,26 @@ impl SymbolCoder {
         let cells = self.cells;
         let mut residuals = vec![0; cells * cells];
         self.surround(task.vertices, |surroundings, outlook| {
-            let step = surroundings.quarters(self.step()) - surroundings.quarters(0);
+            let quarters = surroundings.quarters();
+            let step = f64::from(self.step()) * quarters.unit;
+            let mut sights = vec![Default::default(); cells];
             for (j, row) in entries.chunks_exact(cells).enumerate() {
                 let weights = trainer.weights();
                 let company = self.foresee_coefficients(surroundings, task, j, weights, outlook);
+                surroundings.look_around(weights, &mut sights);
                 for (i, &coefficient) in row.iter().enumerate() {
                     let index = j * cells + i;
                     if task.coded.is_none_or(|coded| coded[index] != 0) {
-                        let (sight, activity) = surroundings.sight(i, weights);
                         residuals[index] = coefficient.wrapping_sub(outlook.predictions[i]);
                         let misses = [coefficient, residuals[index]].map(|k| f64::from(k) * step);
-                        let told = company.told(i, surroundings);
-                        trainer.see(fit, &sight, activity, misses, told, step);
+                        let told = company.told(i, quarters);
+                        trainer.see(fit, &sights[i], misses, told, step);
                     }
                 }
                 surroundings.complete_coefficients(row, self.step());
             }
         });
+        fit.settle();
         residuals
     }
 
@@ -556,15 +494,14 @@ impl Company<'_> {
     }
 
     /// The entries of the components before, in quarters of a shifted unit.
-    fn told(&self, i: usize, surroundings: &dyn Surroundings) -> [f64; COMPANIONS] {
-        let unit = surroundings.quarters(1) - surroundings.quarters(0);
+    fn told(&self, i: usize, quarters: Quarters) -> [f64; COMPANIONS] {
         self.0
-            .map(|row| row.map_or(0.0, |row| row.units(i) as f64 * unit))
+            .map(|row| row.map_or(0.0, |row| row.units(i) as f64 * quarters.unit))
     }
 }
 
 /// Changes the signs of the residuals whose predictions were rounded up.
-fn turn(residuals: &mut [i32], fractions: &[i32]) {
+pub(super) fn turn(residuals: &mut [i32], fractions: &[i32]) {
     for (residual, &fraction) in residuals.iter_mut().zip(fractions) {
         if fraction < 0 {
             *residual = residual.wrapping_neg();

@@ -1,9 +1,9 @@
 //! From how often symbols came to the tables that they are coded by.
 
 use super::model::LevelModel;
-use super::symbols::Trace;
+use super::trace::Trace;
 use crate::entropy::frequency::{Counts, Frequencies};
-use crate::entropy::token::{SYMBOLS, split};
+use crate::entropy::token::SYMBOLS;
 use crate::transform::adaptive::CONTEXTS;
 
 /// How often each symbol came in each context of the matrices of some diamonds.
@@ -27,9 +27,16 @@ impl Census {
 
     /// Counts the symbols of a diamond.
     pub fn add(&mut self, trace: &Trace) {
-        for (context, coefficient) in trace.coded() {
-            let (symbol, ..) = split(coefficient);
+        for (context, symbol) in trace.coded_symbols() {
             self.contexts[context][usize::from(symbol)] += 1;
+        }
+    }
+
+    /// Adds what another part counted.
+    pub fn merge(&mut self, other: &Census) {
+        for (own, other) in self.contexts.iter_mut().zip(&other.contexts) {
+            let both = own.iter_mut().zip(other);
+            both.for_each(|(own, other)| *own += other);
         }
     }
 

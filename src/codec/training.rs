@@ -36,18 +36,29 @@ impl<const N: usize> Equations<N> {
         }
     }
 
+    /// Takes in what was seen, each entry of the sums in the order of `all`.
     #[inline(always)]
-    fn add(&mut self, numbers: [f64; N], target: f64, weight: f64) {
-        for (row, &number) in self.matrix.iter_mut().zip(&numbers) {
-            let scaled = number * weight;
-            for (entry, &other) in row.iter_mut().zip(&numbers) {
-                *entry += scaled * other;
+    fn add(&mut self, all: &[Seen<N>]) {
+        // Two rows at a time keep enough sums in flight.
+        let rows = self.matrix.as_chunks_mut::<2>().0.iter_mut();
+        for (pair, rows) in rows.enumerate() {
+            let mut sums = *rows;
+            for seen in all {
+                let own = [2 * pair, 2 * pair + 1].map(|row| seen.numbers[row] * seen.weight);
+                for (sums, scaled) in sums.iter_mut().zip(own) {
+                    for (sum, &other) in sums.iter_mut().zip(&seen.numbers) {
+                        *sum += scaled * other;
+                    }
+                }
             }
+            *rows = sums;
         }
-        for (entry, &number) in self.right.iter_mut().zip(&numbers) {
-            *entry += number * weight * target;
+        for seen in all {
+            for (sum, &number) in self.right.iter_mut().zip(&seen.numbers) {
+                *sum += number * seen.weight * seen.target;
+            }
+            self.count += 1.0;
         }
-        self.count += 1.0;
     }
 
     fn merge(&mut self, other: &Self) {
@@ -91,6 +102,46 @@ impl<const N: usize> Equations<N> {
     }
 }
 
+/// A sample's part in a least squares problem.
+#[derive(Clone, Copy)]
+struct Seen<const N: usize> {
+    numbers: [f64; N],
+    target: f64,
+    weight: f64,
+}
+
+/// Samples that are taken in at a time.
+const BATCH: usize = 16;
+
+/// Equations, and samples that are not yet in them.
+#[derive(Clone)]
+struct Gathered<const N: usize> {
+    equations: Equations<N>,
+    waiting: Vec<Seen<N>>,
+}
+
+impl<const N: usize> Gathered<N> {
+    fn new() -> Self {
+        Gathered {
+            equations: Equations::new(),
+            waiting: Vec::with_capacity(BATCH),
+        }
+    }
+
+    #[inline(always)]
+    fn see(&mut self, seen: Seen<N>, take: fn(&mut Equations<N>, &[Seen<N>])) {
+        self.waiting.push(seen);
+        if self.waiting.len() == BATCH {
+            self.settle(take);
+        }
+    }
+
+    fn settle(&mut self, take: fn(&mut Equations<N>, &[Seen<N>])) {
+        take(&mut self.equations, &self.waiting);
+        self.waiting.clear();
+    }
+}
+
 /// Finds weights in rounds, each of which sees the same samples by the weights of the one before.
 pub struct Trainer {
     weights: Weights,
@@ -100,8 +151,8 @@ pub struct Trainer {
 /// What one round saw; several can be put together.
 #[derive(Clone)]
 pub struct Fit {
-    prediction: Vec<Equations<FEATURES>>,
-    activity: Equations<ACTIVITIES>,
+    prediction: Vec<Gathered<FEATURES>>,
+    activity: Gathered<ACTIVITIES>,
     companions: Vec<Equations<COMPANIONS>>,
     /// How often each quarter octave of activity came.
     quarters: [u64; QUARTERS],
@@ -117,19 +168,27 @@ impl Fit {
     /// Nothing seen yet.
     pub fn new() -> Fit {
         Fit {
-            prediction: vec![Equations::new(); CLASSES],
-            activity: Equations::new(),
+            prediction: vec![Gathered::new(); CLASSES],
+            activity: Gathered::new(),
             companions: vec![Equations::new(); CLASSES],
             quarters: [0; QUARTERS],
         }
     }
 
+    /// Takes in all that was seen; to be called before anything is made of it.
+    pub(super) fn settle(&mut self) {
+        for own in &mut self.prediction {
+            own.settle(add_features);
+        }
+        self.activity.settle(add_activities);
+    }
+
     /// Adds what another part of the same round saw.
     pub fn merge(&mut self, other: &Fit) {
         for (own, other) in self.prediction.iter_mut().zip(&other.prediction) {
-            own.merge(other);
+            own.equations.merge(&other.equations);
         }
-        self.activity.merge(&other.activity);
+        self.activity.equations.merge(&other.activity.equations);
         for (own, other) in self.companions.iter_mut().zip(&other.companions) {
             own.merge(other);
         }
@@ -165,56 +224,68 @@ impl Trainer {
     pub fn see(
         &self,
         fit: &mut Fit,
-        sight: &Sight,
-        activity: i32,
+        (sight, activity): &(Sight, i32),
         misses: [f64; 2],
         companions: [f64; COMPANIONS],
         step: f64,
     ) {
         let [from_order_two, residual] = misses;
-        fit.quarters[Weights::quarter(activity) as usize % QUARTERS] += 1;
+        fit.quarters[Weights::quarter(*activity) as usize % QUARTERS] += 1;
         // A miss tells less where the surface is rough, and nothing below the quantiser's step.
+        let parts = sight.activities.map(f64::from);
         let rough = if self.round == 0 {
-            let parts = sight.activities.iter().map(|&part| f64::from(part));
-            4.0 + 0.1 * parts.sum::<f64>()
+            4.0 + 0.1 * parts.iter().sum::<f64>()
         } else {
-            f64::from(activity) / ACTIVITY_UNIT
+            f64::from(*activity) / ACTIVITY_UNIT
         };
         let scale = 1e-3 + rough + 0.3 * step;
-        let class = Weights::class(self.weights.context(activity));
+        let class = Weights::class(self.weights.context(*activity));
         let weight = 1.0 / (0.3 * residual * residual + scale * scale);
         let moves = companions.iter().zip(&self.weights.companions);
         let unit = f64::from(1u32 << WEIGHT_BITS);
         let moved = moves.fold(0.0, |sum, (companion, weights)| {
             sum + companion * f64::from(weights[class]) / unit
         });
-        let prediction = &mut fit.prediction[class];
-        add_features(prediction, &sight.features, from_order_two - moved, weight);
+        let seen = Seen {
+            numbers: sight.features.map(f64::from),
+            target: from_order_two - moved,
+            weight,
+        };
+        fit.prediction[class].see(seen, add_features);
         if companions != [0.0; COMPANIONS] {
-            fit.companions[class].add(companions, residual + moved, weight);
+            let seen = Seen {
+                numbers: companions,
+                target: residual + moved,
+                weight,
+            };
+            fit.companions[class].add(&[seen]);
         }
         let scale = scale + 0.1 * step;
-        let weight = 1.0 / (0.3 * residual * residual + scale * scale);
-        add_activities(&mut fit.activity, &sight.activities, residual.abs(), weight);
+        let seen = Seen {
+            numbers: parts,
+            target: residual.abs(),
+            weight: 1.0 / (0.3 * residual * residual + scale * scale),
+        };
+        fit.activity.see(seen, add_activities);
     }
 
     /// Ends a round.
     pub fn learn(&mut self, fit: &Fit) {
         let by_class = self.round + 1 == ROUNDS;
-        let prediction = solve_classes(&fit.prediction, by_class);
+        let prediction = solve_classes(fit.prediction.iter().map(|own| &own.equations), by_class);
         for (class, own) in prediction.into_iter().enumerate() {
             for (feature, own) in own.into_iter().enumerate() {
                 self.weights.prediction[feature / 2][class][feature % 2] = in_weight_bits(own);
             }
         }
-        let companions = solve_classes(&fit.companions, by_class);
+        let companions = solve_classes(fit.companions.iter(), by_class);
         for (class, own) in companions.into_iter().enumerate() {
             for (weights, own) in self.weights.companions.iter_mut().zip(own) {
                 weights[class] = in_weight_bits(own);
             }
         }
         if self.round + 2 < ROUNDS {
-            let activity = fit.activity.solve(&[0.0; ACTIVITIES], 1e-5);
+            let activity = fit.activity.equations.solve(&[0.0; ACTIVITIES], 1e-5);
             for (own, part) in self
                 .weights
                 .activity
@@ -232,21 +303,24 @@ impl Trainer {
 }
 
 widened! {
-    fn add_features(equations: &mut Equations<FEATURES>, features: &[i32; FEATURES], target: f64, weight: f64) {
-        equations.add(features.map(f64::from), target, weight);
+    fn add_features(equations: &mut Equations<FEATURES>, all: &[Seen<FEATURES>]) {
+        equations.add(all);
     }
 }
 
 widened! {
-    fn add_activities(equations: &mut Equations<ACTIVITIES>, parts: &[i32; ACTIVITIES], target: f64, weight: f64) {
-        equations.add(parts.map(f64::from), target, weight);
+    fn add_activities(equations: &mut Equations<ACTIVITIES>, all: &[Seen<ACTIVITIES>]) {
+        equations.add(all);
     }
 }
 
 /// The weights of each class; those of all together, unless `by_class`.
-fn solve_classes<const N: usize>(classes: &[Equations<N>], by_class: bool) -> Vec<[f64; N]> {
+fn solve_classes<'a, const N: usize>(
+    classes: impl Iterator<Item = &'a Equations<N>> + Clone,
+    by_class: bool,
+) -> Vec<[f64; N]> {
     let mut all = Equations::new();
-    for class in classes {
+    for class in classes.clone() {
         all.merge(class);
     }
     let general = all.solve(&[0.0; N], 1e-5);
@@ -255,7 +329,7 @@ fn solve_classes<const N: usize>(classes: &[Equations<N>], by_class: bool) -> Ve
         equations.solve(&general, 1e-5 + 0.1 * few)
     };
     let own = |equations| if by_class { solve(equations) } else { general };
-    classes.iter().map(own).collect()
+    classes.map(own).collect()
 }
 
 fn in_weight_bits(weight: f64) -> i16 {

@@ -1,6 +1,7 @@
 //! Integer units of a raster's samples, and the quantiser's bound in them.
 
 use crate::geo::{RasterInfo, SampleType};
+use crate::vectors::widened;
 use crate::{Error, Result};
 
 /// `sample = unit * scale + offset`, clamped to the samples' own range.
@@ -177,6 +178,30 @@ impl Units {
         ((sample - self.offset) / self.scale).round() as i32
     }
 
+    /// As [`to_unit`](Self::to_unit), for as many samples as there are units; 0 for NaN.
+    pub fn to_units(&self, samples: &[f64], units: &mut [i32]) {
+        if self.sample_type.is_integer() && self.scale == 1.0 && self.offset == 0.0 {
+            whole_units(samples, units);
+        } else {
+            nearest_units(samples, self.offset, self.scale, units);
+        }
+    }
+
+    /// As [`to_sample`](Self::to_sample), for as many units as there are samples.
+    pub fn to_samples(&self, units: &[i32], samples: &mut [f64]) {
+        restore(units, self.scale, self.offset, self.sample_range, samples);
+        if self.sample_type == SampleType::F32 {
+            samples
+                .iter_mut()
+                .for_each(|sample| *sample = f64::from(*sample as f32));
+        }
+        if self.nodata.is_some_and(|nodata| samples.contains(&nodata)) {
+            for (sample, &unit) in samples.iter_mut().zip(units) {
+                *sample = self.to_sample(unit);
+            }
+        }
+    }
+
     /// The sample of a decoded unit, in the sample type's own precision; never the nodata value.
     pub fn to_sample(&self, unit: i32) -> f64 {
         let [low, high] = self.sample_range;
@@ -215,5 +240,30 @@ impl Units {
             _ => restored,
         };
         sample.is_nan() || count.abs() < GREATEST_FLOAT_UNIT && restored == sample
+    }
+}
+
+widened! {
+    fn whole_units(samples: &[f64], units: &mut [i32]) {
+        for (unit, &sample) in units.iter_mut().zip(samples) {
+            *unit = sample as i32;
+        }
+    }
+}
+
+widened! {
+    fn nearest_units(samples: &[f64], offset: f64, scale: f64, units: &mut [i32]) {
+        for (unit, &sample) in units.iter_mut().zip(samples) {
+            *unit = ((sample - offset) / scale).round() as i32;
+        }
+    }
+}
+
+widened! {
+    fn restore(units: &[i32], scale: f64, offset: f64, range: [f64; 2], samples: &mut [f64]) {
+        let [low, high] = range;
+        for (sample, &unit) in samples.iter_mut().zip(units) {
+            *sample = (f64::from(unit) * scale + offset).clamp(low, high);
+        }
     }
 }

@@ -9,7 +9,7 @@
 use super::Error;
 use super::bits::{BitReader, BitWriter};
 use super::frequency::{Frequencies, PRECISION, SLOTS};
-use super::token;
+use super::token::{self, Tokens};
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) use super::rans_avx2::Lanes;
@@ -71,21 +71,46 @@ impl Tables {
 /// # Panics
 /// If a context has no table.
 pub fn encode(tables: &Tables, contexts: &[u8], coefficients: &[i32], least: usize) -> Vec<u8> {
-    let (mut symbols, mut raw) = (Vec::with_capacity(contexts.len()), BitWriter::new());
-    for (&context, &coefficient) in contexts.iter().zip(coefficients) {
-        let range = &tables.ranges[usize::from(context)];
-        let (mut symbol, mut bits, mut count) = token::split(coefficient);
-        if range[usize::from(symbol)].1 == 0 {
-            (symbol, bits, count) = (token::ESCAPE, coefficient as u32, 32);
+    let mut tokens = Tokens::default();
+    tokens.extend(coefficients);
+    encode_tokens(tables, contexts, &tokens, least)
+}
+
+/// As [`encode`], for coefficients that are split already.
+///
+/// # Panics
+/// If a context has no table.
+pub fn encode_tokens(tables: &Tables, contexts: &[u8], tokens: &Tokens, least: usize) -> Vec<u8> {
+    let (mut raw, mut rest) = (BitWriter::new(), tokens.raw.iter());
+    let both = contexts.iter().zip(&tokens.symbols);
+    let ranges = both.map(|(&context, &symbol)| {
+        let ranges = &tables.ranges[usize::from(context)];
+        let range = ranges[usize::from(symbol)];
+        if symbol < token::FIRST_RAW && range.1 > 0 {
+            return range;
         }
-        symbols.push(range[usize::from(symbol)]);
-        raw.put(u64::from(bits), count);
-    }
+        let bits = if symbol < token::FIRST_RAW {
+            0
+        } else {
+            rest.next().copied().unwrap_or(0)
+        };
+        if range.1 > 0 {
+            raw.put(u64::from(bits), token::raw_bits(symbol));
+            return range;
+        }
+        raw.put(u64::from(token::join(symbol, bits) as u32), 32);
+        ranges[usize::from(token::ESCAPE)]
+    });
+    let ranges: Vec<(u16, u16)> = ranges.collect();
     let mut raw = raw.into_bytes();
     raw.reverse();
     let mut longer: Option<(usize, Vec<u8>)> = None;
     for (from, lanes) in LANES_FROM {
-        let bytes = interleave(&symbols, lanes);
+        let bytes = match lanes {
+            LANES => interleave::<LANES>(&ranges),
+            4 => interleave::<4>(&ranges),
+            _ => interleave::<2>(&ranges),
+        };
         let length = least.max(bytes.len() + raw.len());
         if length < from {
             longer = Some((from, bytes));
@@ -103,27 +128,54 @@ pub fn encode(tables: &Tables, contexts: &[u8], coefficients: &[i32], least: usi
     unreachable!("every length is at least 0")
 }
 
-/// States and words of the slot ranges of some symbols.
-fn interleave(symbols: &[(u16, u16)], lanes: usize) -> Vec<u8> {
-    let mut states = [LEAST; LANES];
-    let mut words = Vec::with_capacity(symbols.len() / 4);
-    for (index, &(first, frequency)) in symbols.iter().enumerate().rev() {
-        let state = &mut states[index % lanes];
-        let frequency = u32::from(frequency);
-        if *state >= frequency << 16 {
-            words.push(*state as u16);
-            *state >>= 16;
+/// Bits after the binary point of a reciprocal.
+const RECIPROCAL_BITS: u32 = 40;
+/// For each frequency f the least multiple of 2^-40 above 1 / f. It is at most 2^-40 above, so that for a state
+/// below 2^16 f, f being at most 2^11, the product with it has the quotient for its whole part.
+static RECIPROCALS: [u64; SLOTS + 1] = {
+    let mut all = [0; SLOTS + 1];
+    let mut frequency = 1;
+    while frequency <= SLOTS {
+        all[frequency] = (1 << RECIPROCAL_BITS) / frequency as u64 + 1;
+        frequency += 1;
+    }
+    all
+};
+
+/// States and words of the slot ranges of some symbols, in so many lanes.
+fn interleave<const COUNT: usize>(ranges: &[(u16, u16)]) -> Vec<u8> {
+    let mut states = [LEAST; COUNT];
+    // From the end backwards, and one that is always written before it counts.
+    let mut words = vec![0u16; ranges.len() + 1];
+    let mut free = ranges.len();
+    let mut take = |state: &mut u32, (first, frequency): (u16, u16)| {
+        let (first, frequency) = (u32::from(first), u32::from(frequency));
+        words[free] = *state as u16;
+        let is_full = *state >= frequency << 16;
+        free -= usize::from(is_full);
+        *state >>= 16 * u32::from(is_full);
+        let reciprocal = RECIPROCALS[frequency as usize];
+        let quotient = ((u64::from(*state) * reciprocal) >> RECIPROCAL_BITS) as u32;
+        *state += first + quotient * (SLOTS as u32 - frequency);
+    };
+    let (rounds, rest) = ranges.as_chunks::<COUNT>();
+    for (state, &range) in states.iter_mut().zip(rest).rev() {
+        take(state, range);
+    }
+    for round in rounds.iter().rev() {
+        for (state, &range) in states.iter_mut().zip(round).rev() {
+            take(state, range);
         }
-        *state = ((*state / frequency) << PRECISION) + *state % frequency + u32::from(first);
     }
     let mut head = BitWriter::new();
-    for &state in &states[..lanes] {
+    for &state in &states {
         let length = state.ilog2();
         head.put(u64::from(length - PRECISION), LENGTH_BITS);
         head.put(u64::from(state) & ((1 << length) - 1), length);
     }
     let mut bytes = head.into_bytes();
-    bytes.extend(words.iter().rev().flat_map(|word| word.to_le_bytes()));
+    bytes.reserve(2 * (ranges.len() - free));
+    bytes.extend(words[free + 1..].iter().flat_map(|word| word.to_le_bytes()));
     bytes
 }
 

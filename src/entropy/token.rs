@@ -3,6 +3,8 @@
 //! Symbols 0 to 30 are the coefficients 0, -1, 1, ..., -15, 15. Beyond, a magnitude's symbol gives its
 //! bit length, the two bits below its highest, and its sign; the bits below those are raw.
 
+use crate::vectors::widened;
+
 /// Symbols that there are. The last one stands for any coefficient, all of whose bits are raw.
 pub const SYMBOLS: usize = 256;
 /// The symbol of any coefficient at all.
@@ -57,6 +59,56 @@ pub fn join(symbol: u8, raw: u32) -> i32 {
     }
 }
 
+/// Coefficients as their symbols, and the raw bits of those that have some.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Tokens {
+    /// One for each coefficient; never [`ESCAPE`].
+    pub symbols: Vec<u8>,
+    /// For each symbol from [`FIRST_RAW`] on, in order.
+    pub raw: Vec<u32>,
+}
+
+impl Tokens {
+    /// Adds some coefficients.
+    pub fn extend(&mut self, coefficients: &[i32]) {
+        let start = self.symbols.len();
+        self.symbols.resize(start + coefficients.len(), 0);
+        if split_small(coefficients, &mut self.symbols[start..]) {
+            return;
+        }
+        for (own, &coefficient) in self.symbols[start..].iter_mut().zip(coefficients) {
+            let (symbol, raw, count) = split(coefficient);
+            *own = symbol;
+            if count > 0 {
+                self.raw.push(raw);
+            }
+        }
+    }
+
+    /// The coefficients.
+    pub fn coefficients(&self) -> impl Iterator<Item = i32> + '_ {
+        let mut raw = self.raw.iter();
+        self.symbols.iter().map(move |&symbol| {
+            let has_raw = symbol >= FIRST_RAW;
+            let bits = if has_raw { raw.next() } else { None };
+            join(symbol, bits.copied().unwrap_or(0))
+        })
+    }
+}
+
+widened! {
+    /// Symbols of coefficients that are all small; whether they are.
+    fn split_small(coefficients: &[i32], symbols: &mut [u8]) -> bool {
+        let mut greatest = 0;
+        for (symbol, &coefficient) in symbols.iter_mut().zip(coefficients) {
+            let own = (coefficient << 1) ^ (coefficient >> 31);
+            greatest = greatest.max(own as u32);
+            *symbol = own as u8;
+        }
+        greatest < u32::from(FIRST_RAW)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -75,5 +127,19 @@ mod tests {
             assert_eq!(join(symbol, raw), coefficient);
             assert_ne!(symbol, ESCAPE);
         }
+    }
+    #[test]
+    fn coefficients_come_back_from_their_tokens() {
+        let small: Vec<i32> = (-15..16).chain([-16]).collect();
+        let mixed = [3, 17, 0, -1 << 20, 15, 16, i32::MIN, i32::MAX];
+        let mut tokens = Tokens::default();
+        tokens.extend(&small[..31]);
+        assert_eq!(tokens.raw, []);
+        tokens.extend(&small);
+        tokens.extend(&mixed);
+        let all = [&small[..31], &small, &mixed].concat();
+        assert_eq!(tokens.coefficients().collect::<Vec<_>>(), all);
+        let symbols: Vec<u8> = all.iter().map(|&own| split(own).0).collect();
+        assert_eq!(tokens.symbols, symbols);
     }
 }

@@ -163,6 +163,9 @@ pub(crate) enum Aim {
     FineDetails,
 }
 
+/// [`Surroundings::look_around`].
+type LookAround<T> = fn(&mut Neighbourhood<T>, &Weights, &mut [(Sight, i32)]);
+
 /// Functions that do a whole row at once, with the results of the portable ones.
 #[derive(Clone, Copy)]
 pub(super) struct Kernels<T> {
@@ -170,6 +173,8 @@ pub(super) struct Kernels<T> {
     pub foresee: fn(&mut Neighbourhood<T>, &Weights, Aim, &mut Outlook),
     /// [`Surroundings::complete`].
     pub complete: fn(&mut Neighbourhood<T>, &[i32]),
+    /// [`Surroundings::look_around`].
+    pub look_around: LookAround<T>,
 }
 
 /// To what a word keeps.
@@ -209,8 +214,8 @@ pub(super) struct Neighbourhood<T> {
 }
 
 widened! {
-    /// Least and greatest of some heights.
-    fn extremes(values: &[i32]) -> [i32; 2] {
+    /// Least and greatest of some heights; of none the greatest and least that there are.
+    pub(crate) fn extremes(values: &[i32]) -> [i32; 2] {
         let (mut low, mut high) = (i32::MAX, i32::MIN);
         for &value in values {
             low = low.min(value);
@@ -318,14 +323,30 @@ pub trait Surroundings {
     /// Tells of the coefficients at the same place in a matrix that is known, each worth `step` units.
     fn accompany(&mut self, coefficients: &[i32], step: i32);
 
-    /// What is known of centre `i` of the row at hand, and its activity.
-    fn sight(&self, i: usize, weights: &Weights) -> (Sight, i32);
+    /// What is known of the centres of the row at hand, and their activity.
+    fn look_around(&mut self, weights: &Weights, sights: &mut [(Sight, i32)]);
 
-    /// A height in quarters of a shifted unit, as sights are.
-    fn quarters(&self, height: i32) -> f64;
+    /// What turns heights into quarters of a shifted unit, as sights are.
+    fn quarters(&self) -> Quarters;
 
     /// The vertices in 16 bits, where vectors may go through the diamond.
     fn vertices(&self) -> Option<Vertices<'_>>;
+}
+
+/// The height of which a diamond's sights are relative, and what a unit is in their numbers: a power of two.
+#[derive(Clone, Copy, Debug)]
+pub struct Quarters {
+    base: f64,
+    /// Quarters of a shifted unit.
+    pub unit: f64,
+}
+
+impl Quarters {
+    /// A height in quarters of a shifted unit.
+    #[inline(always)]
+    pub fn of(self, height: i32) -> f64 {
+        (f64::from(height) - self.base) * self.unit
+    }
 }
 
 /// The vertices of a diamond in 16 bits, with a rim.
@@ -459,9 +480,15 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
         }
     }
 
-    fn sight(&self, i: usize, weights: &Weights) -> (Sight, i32) {
-        let sight = self.look(i);
-        (sight, sight.activity::<T>(weights))
+    fn look_around(&mut self, weights: &Weights, sights: &mut [(Sight, i32)]) {
+        assert!(self.row < self.cells, "a row after the last");
+        if let Some(kernels) = self.kernels {
+            return (kernels.look_around)(self, weights, sights);
+        }
+        for (i, (sight, activity)) in sights.iter_mut().enumerate() {
+            *sight = self.look(i);
+            *activity = sight.activity::<T>(weights);
+        }
     }
 
     fn vertices(&self) -> Option<Vertices<'_>> {
@@ -474,9 +501,11 @@ impl<T: Word> Surroundings for Neighbourhood<T> {
         })
     }
 
-    fn quarters(&self, height: i32) -> f64 {
-        let offset = f64::from(height) - f64::from(self.base);
-        4.0 * offset / (1u64 << self.shift) as f64
+    fn quarters(&self) -> Quarters {
+        Quarters {
+            base: f64::from(self.base),
+            unit: 4.0 / (1u64 << self.shift) as f64,
+        }
     }
 }
 

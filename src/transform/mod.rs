@@ -10,6 +10,8 @@ mod quantiser;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod rows_avx2;
 mod sight;
+#[cfg(target_arch = "x86_64")]
+mod sight_avx2;
 mod two_stage;
 
 use crate::lattice::{Apex, reflect_absent_centres};

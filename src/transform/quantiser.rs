@@ -63,6 +63,37 @@ impl Quantiser {
         (residual + bound).div_euclid(2 * bound + 1) as i32
     }
 
+    /// The coefficients of a row of samples, whose predictions are clamped to the range; 0 where `coded`, if it
+    /// is given, is.
+    pub fn quantise_row(
+        &self,
+        samples: &[i32],
+        predictions: &[i32],
+        coded: Option<&[u8]>,
+        row: &mut [i32],
+    ) {
+        if self.listed.is_some() {
+            let [low, high] = self.range();
+            let both = samples.iter().zip(predictions);
+            for (i, (coefficient, (&sample, &prediction))) in row.iter_mut().zip(both).enumerate() {
+                let is_coded = coded.is_none_or(|coded| coded[i] != 0);
+                let quantise = || self.quantise(sample, prediction.clamp(low, high));
+                *coefficient = if is_coded { quantise() } else { 0 };
+            }
+            return;
+        }
+        if self.bound == 0 {
+            subtract(self.range(), samples, predictions, row);
+        } else {
+            divide(self.bound, self.range(), samples, predictions, row);
+        }
+        if let Some(coded) = coded {
+            for (coefficient, &coded) in row.iter_mut().zip(coded) {
+                *coefficient *= i32::from(coded);
+            }
+        }
+    }
+
     /// The height that a coefficient stands for.
     #[inline]
     pub fn reconstruct(&self, coefficient: i32, prediction: i32) -> i32 {
@@ -102,6 +133,31 @@ impl Quantiser {
             return;
         }
         reconstruct_steps(self.step(), self.range(), predictions, row);
+    }
+}
+
+widened! {
+    /// By how much samples are higher than their predictions, wrapping.
+    fn subtract(range: [i32; 2], samples: &[i32], predictions: &[i32], row: &mut [i32]) {
+        let [low, high] = range;
+        let both = samples.iter().zip(predictions);
+        for (coefficient, (&sample, &prediction)) in row.iter_mut().zip(both) {
+            *coefficient = sample.wrapping_sub(prediction.clamp(low, high));
+        }
+    }
+}
+
+widened! {
+    /// The same in steps, rounded to the nearest. Quotients of such integers are farther from the next integer
+    /// above than `f64` rounds them, so that the floor is exact.
+    fn divide(bound: i32, range: [i32; 2], samples: &[i32], predictions: &[i32], row: &mut [i32]) {
+        let [low, high] = range;
+        let (bound, step) = (f64::from(bound), 2.0 * f64::from(bound) + 1.0);
+        let both = samples.iter().zip(predictions);
+        for (coefficient, (&sample, &prediction)) in row.iter_mut().zip(both) {
+            let residual = f64::from(sample) - f64::from(prediction.clamp(low, high));
+            *coefficient = ((residual + bound) / step).floor() as i32;
+        }
     }
 }
 

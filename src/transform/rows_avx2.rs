@@ -8,6 +8,7 @@ use super::adaptive_avx2::{
     LANES, Shape, Totals, activities, around, context, features, load, packed, predict, round,
     shape, size, store_halves, sum,
 };
+use super::sight_avx2::look_around;
 use std::arch::x86_64::*;
 
 /// The vector functions, where the processor has them and rows are whole vectors.
@@ -22,13 +23,19 @@ pub(super) fn kernels(cells: usize) -> Option<Kernels<i16>> {
         },
         // SAFETY: as above.
         complete: |neighbourhood, centres| unsafe { complete(neighbourhood, centres) },
+        look_around: |neighbourhood, weights, sights| {
+            let row = neighbourhood.row;
+            let rows = Rows::to_look(neighbourhood, weights);
+            // SAFETY: as above.
+            unsafe { look_around(&rows, row, sights) };
+        },
     })
 }
 
 /// Where the rows of a diamond are read and written. All but vertices and weights are of one row at a time, from
 /// the first centre on, or from [`ROW_RIM`] zeros before it.
 pub(crate) struct Rows<'a> {
-    cells: usize,
+    pub(super) cells: usize,
     pub(super) stride: usize,
     base: i32,
     pub(super) vertices: *const i16,
@@ -46,7 +53,7 @@ pub(crate) struct Rows<'a> {
     contexts: *mut u8,
     predictions: *mut i32,
     fractions: *mut i32,
-    weights: &'a Weights,
+    pub(super) weights: &'a Weights,
 }
 
 /// Greatest number of centres in a row.
@@ -132,10 +139,25 @@ impl<'a> Rows<'a> {
         weights: &'a Weights,
         outlook: &'a mut Outlook,
     ) -> Rows<'a> {
+        let cells = own.cells;
+        assert!(cells <= outlook.contexts.len());
+        assert!(cells <= outlook.predictions.len() && cells <= outlook.fractions.len());
+        Rows {
+            contexts: outlook.contexts.as_mut_ptr(),
+            predictions: outlook.predictions.as_mut_ptr(),
+            fractions: outlook.fractions.as_mut_ptr(),
+            ..Rows::to_look(own, weights)
+        }
+    }
+
+    /// The row at hand of a neighbourhood, about which nothing is said.
+    ///
+    /// # Panics
+    /// If rows are not whole vectors.
+    fn to_look(own: &'a mut Neighbourhood<i16>, weights: &'a Weights) -> Rows<'a> {
         debug_assert_eq!(own.shift, 0);
         let cells = own.cells;
-        assert!(cells.is_multiple_of(LANES) && cells <= outlook.contexts.len());
-        assert!(cells <= outlook.predictions.len() && cells <= outlook.fractions.len());
+        assert!(cells.is_multiple_of(LANES));
         let [newest, older] = own.surprises.each_mut().map(|row| row.as_mut_ptr());
         Rows {
             cells,
@@ -149,9 +171,9 @@ impl<'a> Rows<'a> {
             above: own.above.as_mut_ptr(),
             expected: own.expected.as_mut_ptr(),
             companion: own.companion.as_ptr(),
-            contexts: outlook.contexts.as_mut_ptr(),
-            predictions: outlook.predictions.as_mut_ptr(),
-            fractions: outlook.fractions.as_mut_ptr(),
+            contexts: std::ptr::null_mut(),
+            predictions: std::ptr::null_mut(),
+            fractions: std::ptr::null_mut(),
             weights,
         }
     }

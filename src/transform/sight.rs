@@ -5,7 +5,7 @@ use super::adaptive::{
 };
 
 /// What is known of a centre before it is coded; all heights in quarters of a shifted unit.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sight {
     /// Prediction by order 2: the sum of the 4 nearest vertices.
     pub order_two: i32,

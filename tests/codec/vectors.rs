@@ -104,6 +104,63 @@ proptest! {
     }
 
     #[test]
+    fn vectors_know_of_centres_what_the_portable_function_knows(
+        seed in any::<u64>(),
+        cells_log2 in 4u32..8,
+        vertex_bits in 0u32..14,
+        centre_bits in 0u32..31,
+        weight_bits in 1u32..14,
+    ) {
+        let cells = 1 << cells_log2;
+        let side = cells + 1;
+        let vertices = noise(seed, side * side, vertex_bits);
+        let weights = any_weights(seed ^ 1, weight_bits);
+        let mut rooms = [Workspace::default(), Workspace::default()];
+        let [portable, vectors] = &mut rooms;
+        let mut pair = [
+            portable.start(cells, &vertices, false),
+            vectors.start(cells, &vertices, true),
+        ];
+        let rows = noise(seed ^ 2, cells * cells, centre_bits);
+        for row in rows.chunks_exact(cells) {
+            let sights = pair.each_mut().map(|surroundings| {
+                let (mut outlook, mut sights) = (Outlook::default(), vec![Default::default(); cells]);
+                outlook.fit(cells);
+                surroundings.accompany(row, 1);
+                surroundings.foresee(&weights, &mut outlook);
+                surroundings.look_around(&weights, &mut sights);
+                surroundings.complete(row);
+                sights
+            });
+            prop_assert_eq!(&sights[0], &sights[1]);
+        }
+    }
+
+    #[test]
+    fn a_row_is_quantised_as_its_samples_are(
+        seed in any::<u64>(),
+        bound in prop_oneof![0..5, 0..(1 << 30) - 1],
+        bits in 1u32..32,
+        cells in 1usize..40,
+        masked in any::<bool>(),
+    ) {
+        let greatest = 1i32 << (bits - 1);
+        let quantiser = Quantiser::new(bound, -greatest, greatest - 1);
+        let [low, high] = quantiser.range();
+        let samples: Vec<i32> = noise(seed, cells, bits).iter().map(|own| own - greatest).collect();
+        let predictions: Vec<i32> = noise(seed ^ 1, cells, 31).iter().map(|own| own - (1 << 30)).collect();
+        let coded: Vec<u8> = noise(seed ^ 2, cells, 1).iter().map(|&own| own as u8).collect();
+        let coded = masked.then_some(&coded[..]);
+        let mut row = vec![0; cells];
+        quantiser.quantise_row(&samples, &predictions, coded, &mut row);
+        for (i, &coefficient) in row.iter().enumerate() {
+            let is_coded = coded.is_none_or(|coded| coded[i] != 0);
+            let own = quantiser.quantise(samples[i], predictions[i].clamp(low, high));
+            prop_assert_eq!(coefficient, if is_coded { own } else { 0 });
+        }
+    }
+
+    #[test]
     fn vectors_find_the_contexts_of_coefficients_that_the_portable_function_finds(
         seed in any::<u64>(),
         cells_log2 in 4u32..8,

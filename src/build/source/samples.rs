@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::RasterSource;
 use crate::geo::{RasterInfo, SampleType};
+use crate::vectors::widened;
 use crate::{Error, Result};
 
 /// Order of the bytes of one sample.
@@ -129,6 +130,9 @@ pub(super) fn mark_voids(
     let nodata = info
         .nodata
         .and_then(|value| stored_value(value, info.sample_type));
+    if are_plain(samples, nodata.unwrap_or(f64::NAN)) {
+        return Ok(());
+    }
     let bands = usize::from(info.bands).max(1);
     for (index, sample) in samples.chunks_exact_mut(bands).enumerate() {
         let is_nodata = sample.iter().all(|&number| Some(number) == nodata);
@@ -144,6 +148,15 @@ pub(super) fn mark_voids(
         }
     }
     Ok(())
+}
+
+widened! {
+    /// Whether all numbers are finite, and none is this one.
+    fn are_plain(numbers: &[f64], nodata: f64) -> bool {
+        numbers.iter().fold(true, |plain, &number| {
+            plain & (number.abs() < f64::INFINITY) & (number != nodata)
+        })
+    }
 }
 
 /// A format's own part: one row of samples as they are stored.
