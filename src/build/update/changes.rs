@@ -47,6 +47,10 @@ impl Changes {
                 .diamonds_around(level, first, last)
                 .into_iter()
                 .collect();
+            if level == 0 {
+                // Its vertices may be all that changes.
+                candidates.insert(lattice.root());
+            }
             let children = reached.iter().flat_map(|&parent| lattice.children(parent));
             candidates.extend(children.flatten());
             reached.clear();

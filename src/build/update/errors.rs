@@ -24,7 +24,9 @@ pub(super) fn renewed(
 ) -> Result<Vec<u8>> {
     let lattice = old.lattice;
     let surroundings = Surroundings::new(old, new, &mut before)?;
+    // Samples on a diamond's edge count for it, so that it is of concern where a wider rectangle meets its inside.
     let [first, last] = new.corners();
+    let [first, last] = [first.map(|start| start - 1), last.map(|end| end + 1)];
     let former: Vec<u8> = codes.iter().map(|code| code[0]).collect();
     let mut codes = former.clone();
     let mut changed: BTreeMap<u32, Vec<Diamond>> = BTreeMap::new();

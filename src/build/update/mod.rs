@@ -17,8 +17,9 @@ use crate::store::{Header, Kind, Sink, Store, TransformKind, Writer};
 use crate::{Error, Result};
 use std::path::Path;
 
-/// The share of all diamonds above which coding them all anew takes no longer.
+/// The share of all diamonds above which coding them all anew takes no longer, and how many may always change.
 const MOST_CHANGED: u64 = 8;
+const FEW_CHANGED: u64 = 32;
 
 /// A repository of heights that is to be changed, and what reads it.
 pub struct Predecessor<'a> {
@@ -121,8 +122,8 @@ impl Replacement {
 /// `None`, and nothing is published, where that build would code other diamonds otherwise too, so that all must be
 /// coded again: where the file is not lossless, or colours, or of another transform than interpolating; where the
 /// range of all samples changes, or whether there are voids, or the unit of floats; where samples are not
-/// in the list of heights that came with the tables; and where the rectangle reaches more than an eighth of all
-/// diamonds.
+/// in the list of heights that came with the tables; and where the rectangle reaches more than 32 diamonds and an
+/// eighth of all.
 ///
 /// # Errors
 ///
@@ -149,7 +150,8 @@ pub fn replace(
         return Ok(None);
     };
     let count = lattice.diamond_count();
-    let Some(changes) = Changes::find(old, new, &mut before, count / MOST_CHANGED)? else {
+    let most = FEW_CHANGED.max(count / MOST_CHANGED);
+    let Some(changes) = Changes::find(old, new, &mut before, most)? else {
         return Ok(None);
     };
     let mut step = |done: u64| match progress(done, 2 * count) {

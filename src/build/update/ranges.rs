@@ -8,6 +8,7 @@ use crate::Result;
 use crate::build::descent::{extremes, union};
 use crate::codec::RangeCode;
 use crate::lattice::Diamond;
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// The range codes by rank, where `codes` are those before; from the root down.
@@ -152,14 +153,7 @@ impl Renewal<'_> {
             }
             family.push(next);
         }
-        // All others are ancestors of these, which need not be of the last level at the raster's edge.
-        let is_childless = |diamond: &Diamond| self.children(*diamond).next().is_none();
-        let mut finest: Vec<Diamond> = family
-            .iter()
-            .flatten()
-            .copied()
-            .filter(is_childless)
-            .collect();
+        let mut finest: Vec<Diamond> = family[family.len() - 1].iter().copied().collect();
         finest.sort_by_key(|&diamond| old.lattice.rank(diamond));
         let look = |decoder: &mut Decoder, diamonds: &[Diamond]| -> Result<Vec<_>> {
             for &diamond in diamonds {
@@ -184,6 +178,15 @@ impl Renewal<'_> {
                 Ok::<(), crate::Error>(())
             },
         )?;
+        // Most others are ancestors of the finest ones and known by now; not those above changed ones alone, and some at
+        // the raster's edge.
+        let mut decoder = Decoder::after(old, changes);
+        for &diamond in family.iter().flatten() {
+            if let Entry::Vacant(unknown) = own.entry(diamond) {
+                let state = decoder.state(diamond)?;
+                unknown.insert(own_range(old, diamond, &state));
+            }
+        }
         for diamond in family.into_iter().rev().flatten() {
             let range = self.children(diamond).fold(own[&diamond], |range, child| {
                 union(range, self.exact[&child])

@@ -26,13 +26,13 @@ impl<'a> Search<'a> {
     }
 
     /// The error code of a diamond, at least `least`, where `codes` are those of all finer ones. Over a descendant
-    /// it is at most the distance from that one's triangles to the diamond's, and that one's error. The triangles
-    /// of descendants refine the diamond's, so that they are farthest at a vertex.
+    /// it is at most the distance from that one's triangles to the diamond's, and that one's error. Edges of the
+    /// two meet at vertices and centres of the finer one, so that they are farthest apart at one of those.
     pub(super) fn largest(&mut self, diamond: Diamond, least: u8, codes: &[u8]) -> Result<u8> {
         let lattice = self.old.lattice;
         let own = self.decoder.state(diamond)?;
-        let mut all = Finding::default();
-        let mut code = least;
+        let mut all = self.look_at_borders(diamond, &own)?;
+        let mut code = least.max(ErrorCode::covering(all.error()).0);
         let mut seen = HashSet::from([diamond]);
         let mut open = BinaryHeap::from([Ranked {
             key: f64::INFINITY,
@@ -65,6 +65,27 @@ impl<'a> Search<'a> {
         Ok(code)
     }
 
+    /// What the outermost samples of the raster show of a diamond. Descendants that would only touch the raster
+    /// do not exist, so that some of these samples lie in none.
+    fn look_at_borders(&mut self, diamond: Diamond, own: &State) -> Result<Finding> {
+        let lattice = self.old.lattice;
+        let [right, bottom] = [lattice.width(), lattice.height()].map(|side| i64::from(side) - 1);
+        let borders = [
+            [[0, 0], [right, 0]],
+            [[0, bottom], [right, bottom]],
+            [[0, 0], [0, bottom]],
+            [[right, 0], [right, bottom]],
+        ];
+        let has_voids = self.old.store.header().void_samples > 0;
+        let mut all = Finding::default();
+        for border in borders {
+            if let Some(tile) = self.tile(border, box_of(lattice, diamond))? {
+                all.merge(look_at(lattice, diamond, &own.vertices, &tile, has_voids));
+            }
+        }
+        Ok(all)
+    }
+
     /// What the leaf level in a diamond of the last refinable level shows of another one.
     fn look(&mut self, diamond: Diamond, own: &State, finer: Diamond) -> Result<Finding> {
         let state = self.decoder.state(finer)?;
@@ -84,26 +105,37 @@ impl<'a> Search<'a> {
         Ok(tile.map(look).unwrap_or_default())
     }
 
-    /// The largest distance from the vertices of `finer`, and its centres too if these are wanted, to the triangles
-    /// of a diamond.
+    /// The largest distance from the triangles of `finer` to those of a diamond, where both are; or, on the leaf level,
+    /// that of the next level's.
     fn distance(
         &self,
         diamond: Diamond,
         own: &State,
         (finer, state): (Diamond, &State),
-        with_centres: bool,
+        on_leaf_level: bool,
     ) -> f64 {
-        let (placement, cells) = (self.old.lattice.placement(finer), self.old.lattice.cells());
+        let lattice = self.old.lattice;
+        let (placement, cells) = (lattice.placement(finer), lattice.cells());
         let side = cells + 1;
-        let vertices = state.vertices.values.iter().enumerate();
+        let heights = &state.vertices.values;
+        let vertices = heights.iter().enumerate();
         let vertices =
             vertices.map(|(index, &height)| (placement.vertex(index % side, index / side), height));
-        let centres = state.refined.centres.values.iter().enumerate();
-        let centres = centres
-            .map(|(index, &height)| (placement.centre(index % cells, index / cells), height))
-            .take(if with_centres { cells * cells } else { 0 });
+        let is_main = lattice.has_main_hypotenuse(finer);
+        let centres = (0..cells * cells).flat_map(|index| {
+            let (i, j) = (index % cells, index / cells);
+            let [start, end] = if is_main { [0, side + 1] } else { [1, side] };
+            let ends = [start, end].map(|offset| i64::from(heights[j * side + i + offset]));
+            // The middle of the hypotenuse, rounded to either side.
+            let sum = ends[0] + ends[1];
+            let both = match on_leaf_level {
+                true => [state.refined.centres.values[index]; 2],
+                false => [sum >> 1, (sum + 1) >> 1].map(|height| height as i32),
+            };
+            both.map(|height| (placement.centre(i, j), height))
+        });
         let points = vertices.chain(centres);
-        distance_to(self.old.lattice, (diamond, &own.vertices), points)
+        distance_to(lattice, (diamond, &own.vertices), points)
     }
 
     /// The leaf level in two boxes and the raster, if they meet.
