@@ -550,11 +550,12 @@ typedef struct kmb_budget {
     uint64_t microseconds;
     // Refinements in this update; 0 leaves the cut as it is.
     uint64_t refinements;
-    // Bytes of decoded data that the cut holds.
+    // Bytes of decoded data that the cut holds, with all masks and lists of triangles that voids and borders may
+    // need.
     uint64_t bytes;
     // Bytes of vertices handed out anew in this update.
     uint64_t upload_bytes;
-    // Patches in the cut.
+    // Patches to draw; a half of a diamond counts as one even if it turns out to be void.
     uint64_t patches;
 } kmb_budget;
 
@@ -576,7 +577,7 @@ typedef struct kmb_stats {
     uint64_t added;
     // Patches that left the cut.
     uint64_t removed;
-    // Bytes of decoded data that the cut holds.
+    // Bytes of decoded data that the cut holds, counted as its budget counts them.
     uint64_t bytes;
     // Refinements begun after the deadline; always 0.
     uint64_t late_refinements;

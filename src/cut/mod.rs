@@ -2,12 +2,15 @@
 
 mod changes;
 mod coarse;
+mod foresight;
 mod graph;
 mod layer;
 mod node;
 mod patch;
 mod projection;
 mod query;
+mod queues;
+mod skeleton;
 mod slopes;
 mod source;
 mod terrain;

@@ -1,21 +1,14 @@
-//! One diamond that a cut holds.
+//! One diamond that a cut holds, as its summary tells it.
 
-use super::patch::Patch;
 use super::projection::Projection;
-use super::slopes::Slope;
 use super::{DiamondSource, Summary};
-use crate::codec::Matrix;
-use crate::lattice::{Apex, Diamond, Lattice, Placement};
-use std::sync::Arc;
+use crate::lattice::{Apex, Diamond, Lattice};
 
 /// A diamond at least one of whose halves came from a refined parent (or the root).
+#[derive(Clone)]
 pub(super) struct Node {
     pub diamond: Diamond,
     pub level: u32,
-    pub placement: Placement,
-    /// Vertex matrix; only halves that have arrived mean anything, and an absent half mirrors them.
-    pub vertices: Matrix,
-    pub slopes: Box<[Slope]>,
     pub bounds: Bounds,
     /// Its detail is missing, so that it is never refined.
     pub is_missing: bool,
@@ -28,6 +21,7 @@ pub(super) struct Node {
     pub priority: f64,
     /// The same, but 0 only outside the guard band.
     pub keep: f64,
+    pub room: Room,
 }
 
 /// What bounds a diamond and all that descends from it.
@@ -39,6 +33,15 @@ pub(super) struct Bounds {
     pub range: [i32; 2],
     /// World z, low to high.
     pub z: [f64; 2],
+}
+
+/// Bytes set aside for a diamond, enough whatever its samples are.
+#[derive(Clone, Copy)]
+pub(super) struct Room {
+    /// Heights and slopes.
+    pub own: u64,
+    /// Each half that is drawn.
+    pub patch: u64,
 }
 
 /// What a node is made with.
@@ -67,18 +70,19 @@ impl Outlook {
 }
 
 /// One half of a diamond.
+#[derive(Clone)]
 pub(super) struct Half {
-    pub apex: Apex,
     pub is_present: bool,
+    /// Some of it lies in the domain, so that there may be something to draw.
+    pub in_domain: bool,
     /// It came from its parent, which is refined.
     pub has_arrived: bool,
+    /// It has arrived, and some of it may be on the screen.
     pub visible: bool,
     /// World x and y: right angle, end of the first leg, end of the second.
     pub corners: [[f64; 2]; 3],
     /// World z of all that may be drawn over it, low to high.
     pub z: [f64; 2],
-    /// What is drawn for it; `None` where refined, not arrived, or all void or outside.
-    pub patch: Option<Arc<Patch>>,
 }
 
 impl Bounds {
@@ -99,39 +103,31 @@ impl Bounds {
 }
 
 impl Node {
-    /// A node without any heights yet.
-    pub fn new(source: &dyn DiamondSource, diamond: Diamond, outlook: Outlook) -> Node {
+    /// A node none of whose halves has arrived.
+    pub fn new(source: &dyn DiamondSource, room: Room, diamond: Diamond, outlook: Outlook) -> Node {
         let bounds = outlook.bounds;
         let lattice = source.lattice();
         let (cells, placement) = (lattice.cells(), lattice.placement(diamond));
-        let entries = (cells + 1) * (cells + 1);
         let (apexes, present) = (lattice.apexes(diamond), lattice.halves(diamond));
-        let corner = |(i, j): (usize, usize)| {
-            let [column, row] = placement.vertex(i, j);
-            source.frame().grid_to_world(column as f64, row as f64)
-        };
         let half = |half: usize| {
-            let apex: Apex = apexes[half];
             let ends = [(0, 0), (cells, 0), (0, cells)];
+            let places = ends.map(|(p, q)| {
+                let (i, j) = apexes[half].vertex(cells, p, q);
+                placement.vertex(i, j)
+            });
             Half {
-                apex,
                 is_present: present[half],
+                in_domain: present[half] && lattice.meets_domain(places),
                 has_arrived: false,
                 visible: false,
-                corners: ends.map(|(p, q)| corner(apex.vertex(cells, p, q))),
+                corners: places
+                    .map(|[column, row]| source.frame().grid_to_world(column as f64, row as f64)),
                 z: bounds.z,
-                patch: None,
             }
         };
         Node {
             diamond,
             level: diamond.level(),
-            placement,
-            vertices: Matrix {
-                values: vec![0; entries].into(),
-                valid: None,
-            },
-            slopes: vec![[0.0; 2]; entries].into(),
             bounds,
             is_missing: outlook.is_missing,
             halves: [half(0), half(1)],
@@ -140,31 +136,32 @@ impl Node {
             refined_at: 0,
             priority: 0.0,
             keep: 0.0,
+            room,
         }
     }
 
-    /// Most bytes that a node of `lattice` can hold beside its patches.
-    pub fn most_bytes(lattice: &Lattice) -> u64 {
-        let side = lattice.cells() as u64 + 1;
-        side * side * (size_of::<i32>() + size_of::<Slope>() + size_of::<u8>()) as u64
-    }
-
-    /// Bytes held, patches included.
+    /// Bytes set aside, patches included.
     pub fn bytes(&self) -> u64 {
-        let valid = self.vertices.valid.as_ref().map_or(0, |valid| valid.len());
-        let own = size_of_val(&*self.vertices.values) + size_of_val(&*self.slopes) + valid;
-        own as u64 + self.patches().map(|patch| patch.bytes()).sum::<u64>()
+        self.room.own + self.drawn_halves() * self.room.patch
     }
 
-    /// What is drawn for it.
-    pub fn patches(&self) -> impl Iterator<Item = &Arc<Patch>> {
-        self.halves.iter().filter_map(|half| half.patch.as_ref())
+    /// Number of halves drawn, but for those whose samples turn out to be void.
+    pub fn drawn_halves(&self) -> u64 {
+        self.count_unrefined(|half| half.in_domain && half.has_arrived)
     }
 
-    /// Number of patches drawn that meet the frustum.
+    /// The same of those that meet the frustum.
     pub fn visible_patches(&self) -> u64 {
-        let visible = |half: &&Half| half.visible && half.patch.is_some();
-        self.halves.iter().filter(visible).count() as u64
+        self.count_unrefined(|half| half.visible)
+    }
+
+    fn count_unrefined(&self, holds: impl Fn(&Half) -> bool) -> u64 {
+        let halves = self.halves.iter().filter(|half| holds(half));
+        if self.refined {
+            0
+        } else {
+            halves.count() as u64
+        }
     }
 
     /// Whether all present halves have arrived: all parents are refined.
@@ -174,11 +171,30 @@ impl Node {
             .all(|half| half.has_arrived == half.is_present)
     }
 
+    /// Lets a half arrive from a parent all of whose half around it lies between the heights `above`.
+    pub fn receive(&mut self, half: usize, above: [f64; 2]) {
+        let own = self.bounds.z;
+        let half = &mut self.halves[half];
+        // Within the bounds of both, though neither need contain the other. Those of halves nest.
+        half.z = [own[0].max(above[0]), own[1].min(above[1])];
+        half.has_arrived = true;
+    }
+
+    /// Takes a half back.
+    pub fn lose(&mut self, half: usize) {
+        self.halves[half].has_arrived = false;
+        self.halves[half].visible = false;
+    }
+
     /// Judges the halves that have arrived by a view.
     pub fn look(&mut self, projection: &Projection) {
         (self.priority, self.keep) = (0.0, 0.0);
-        for half in self.halves.iter_mut().filter(|half| half.has_arrived) {
-            let sight = projection.see(&half.corners, half.z, self.bounds.error);
+        let error = self.bounds.error;
+        for half in self.halves.iter_mut() {
+            if !half.has_arrived || !half.in_domain {
+                continue;
+            }
+            let sight = projection.see(&half.corners, half.z, error);
             half.visible = sight.visible;
             self.keep = self.keep.max(sight.pixels);
             if sight.visible {
@@ -186,4 +202,17 @@ impl Node {
             }
         }
     }
+}
+
+/// The half of `child` that comes from `parent`.
+pub(super) fn half_from(lattice: &Lattice, child: Diamond, parent: Diamond) -> Option<usize> {
+    let parents = lattice.parents(child);
+    parents.iter().position(|&other| other == Some(parent))
+}
+
+/// The half of a diamond with these apexes that has the matrix edge over which its child number `edge` lies.
+pub(super) fn half_at_edge(apexes: [Apex; 2], edge: usize) -> usize {
+    let corners = [(0, 0), (1, 0), (1, 1), (0, 1)];
+    let apex = apexes[0].corner(1);
+    usize::from(apex != corners[edge] && apex != corners[(edge + 1) % 4])
 }

@@ -1,8 +1,9 @@
 //! Patches: halves of diamonds as vertex buffers.
 
 use super::DiamondSource;
+use super::graph::Content;
 use super::node::Node;
-use crate::lattice::{Diamond, Lattice, PatchGrid};
+use crate::lattice::{Apex, Diamond, Lattice, PatchGrid, Placement};
 
 /// What a patch's vertices hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,6 +73,14 @@ impl Patch {
     }
 }
 
+/// A half to make a patch of.
+struct Shape<'a> {
+    apex: Apex,
+    placement: Placement,
+    is_leaf: bool,
+    content: &'a Content,
+}
+
 /// Makes the patches of one cut.
 pub(super) struct PatchMaker {
     grid: PatchGrid,
@@ -125,25 +134,30 @@ impl PatchMaker {
         self.grid_to_world
     }
 
-    /// Most bytes of one patch.
-    pub fn most_bytes(&self) -> u64 {
+    /// Bytes of a patch's vertices, and the most that its own list takes.
+    pub fn patch_bytes(&self) -> [u64; 2] {
         let vertices = self.grid.vertex_count() * self.form.floats() * size_of::<f32>();
-        (vertices + size_of_val(&*self.triangle_list)) as u64
+        [vertices, size_of_val(&*self.triangle_list)].map(|bytes| bytes as u64)
     }
 
     /// The patch of a half that has arrived; `None` where none of its triangles is drawn.
-    pub fn make(&self, node: &Node, half: usize, handle: u64) -> Option<Patch> {
-        let indices = self.own_indices(node, half);
+    pub fn make(&self, node: &Node, content: &Content, half: usize, handle: u64) -> Option<Patch> {
+        let shape = Shape {
+            apex: self.lattice.apexes(node.diamond)[half],
+            placement: self.lattice.placement(node.diamond),
+            is_leaf: node.level == self.lattice.levels(),
+            content,
+        };
+        let indices = self.own_indices(&shape);
         if indices.as_ref().is_some_and(|indices| indices.is_empty()) {
             return None;
         }
-        let apex = node.halves[half].apex;
         let cells = self.lattice.cells();
         let at = |p, q| {
-            let (i, j) = apex.vertex(cells, p, q);
+            let (i, j) = shape.apex.vertex(cells, p, q);
             (
-                node.placement.vertex(i, j),
-                node.vertices.values[j * (cells + 1) + i],
+                shape.placement.vertex(i, j),
+                content.vertices.values[j * (cells + 1) + i],
             )
         };
         let ([column, row], _) = at(0, 0);
@@ -159,9 +173,9 @@ impl PatchMaker {
             origin: [column as f64, row as f64, f64::from(self.base)],
             legs,
             corners,
-            bounds: self.bounds(node, half, &corners),
+            bounds: self.bounds(&shape, &corners),
             error: node.bounds.error,
-            vertices: self.vertices(node, half, legs),
+            vertices: self.vertices(&shape, legs),
             indices,
         })
     }
@@ -171,11 +185,11 @@ impl PatchMaker {
         std::array::from_fn(|axis| origin[axis] + step[axis] * grid[axis])
     }
 
-    fn bounds(&self, node: &Node, half: usize, corners: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
-        let order = self.grid.matrix_indices(node.halves[half].apex);
+    fn bounds(&self, shape: &Shape, corners: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
+        let order = self.grid.matrix_indices(shape.apex);
         let heights = order
             .iter()
-            .map(|&index| node.vertices.values[usize::from(index)]);
+            .map(|&index| shape.content.vertices.values[usize::from(index)]);
         let (low, high) = heights.fold((i32::MAX, i32::MIN), |(low, high), unit| {
             (low.min(unit), high.max(unit))
         });
@@ -189,12 +203,17 @@ impl PatchMaker {
         ]
     }
 
-    fn vertices(&self, node: &Node, half: usize, legs: [[f32; 2]; 2]) -> Box<[f32]> {
-        let order = self.grid.matrix_indices(node.halves[half].apex);
+    fn vertices(&self, shape: &Shape, legs: [[f32; 2]; 2]) -> Box<[f32]> {
+        let order = self.grid.matrix_indices(shape.apex);
+        let Content {
+            vertices: matrix,
+            slopes,
+            ..
+        } = shape.content;
         let held = order.iter().map(|&index| {
             let index = usize::from(index);
-            let height = i64::from(node.vertices.values[index]) - i64::from(self.base);
-            (height as f32, node.slopes[index])
+            let height = i64::from(matrix.values[index]) - i64::from(self.base);
+            (height as f32, slopes[index])
         });
         let mut vertices = vec![0.0; order.len() * self.form.floats()].into_boxed_slice();
         match self.form {
@@ -220,28 +239,32 @@ impl PatchMaker {
     }
 
     /// The list of triangles drawn ([`Lattice::draws`]), or `None` where all are.
-    fn own_indices(&self, node: &Node, half: usize) -> Option<Box<[u16]>> {
-        let apex = node.halves[half].apex;
+    fn own_indices(&self, shape: &Shape) -> Option<Box<[u16]>> {
+        let Shape {
+            apex,
+            placement,
+            is_leaf,
+            content,
+        } = *shape;
         let cells = self.lattice.cells();
         let order = self.grid.matrix_indices(apex);
         let is_inside = [(0, 0), (cells, 0), (0, cells)].iter().all(|&(p, q)| {
             let (i, j) = apex.vertex(cells, p, q);
-            self.lattice.in_raster(node.placement.vertex(i, j))
+            self.lattice.in_raster(placement.vertex(i, j))
         });
-        let is_valid = |&index: &u16| node.vertices.is_valid(usize::from(index));
+        let is_valid = |&index: &u16| content.vertices.is_valid(usize::from(index));
         if is_inside && order.iter().all(is_valid) {
             return None;
         }
         let places: Vec<[i64; 2]> = positions(cells)
             .map(|(p, q)| {
                 let (i, j) = apex.vertex(cells, p, q);
-                node.placement.vertex(i, j)
+                placement.vertex(i, j)
             })
             .collect();
-        let is_leaf = node.level == self.lattice.levels();
         let is_drawn = |triangle: &&[u16]| {
             let corners: [usize; 3] = std::array::from_fn(|corner| usize::from(triangle[corner]));
-            let valid = corners.map(|vertex| node.vertices.is_valid(usize::from(order[vertex])));
+            let valid = corners.map(|vertex| content.vertices.is_valid(usize::from(order[vertex])));
             self.lattice
                 .draws(is_leaf, corners.map(|vertex| places[vertex]), valid)
         };

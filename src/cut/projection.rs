@@ -89,11 +89,6 @@ impl Projection {
         }
     }
 
-    /// Whether a prism meets the frustum.
-    pub fn meets(&self, corners: &[[f64; 2]; 3], z: [f64; 2]) -> bool {
-        self.hull(corners, z).meets(1.0)
-    }
-
     fn hull(&self, corners: &[[f64; 2]; 3], z: [f64; 2]) -> Hull {
         let [cx, cy, cz, c1] = &self.columns;
         let mut hull = Hull::default();

@@ -28,6 +28,11 @@ pub trait DiamondSource: Send + Sync {
     /// World z of a height in units: `z[0] + z[1] * unit`.
     fn height_to_world(&self) -> [f64; 2];
 
+    /// Whether samples may be void, as far as is known without decoding any.
+    fn has_voids(&self) -> bool {
+        true
+    }
+
     /// The root's vertex matrix.
     fn root(&self) -> &Matrix;
 

@@ -84,6 +84,10 @@ impl DiamondSource for Terrain {
         ]
     }
 
+    fn has_voids(&self) -> bool {
+        self.layer.header().void_samples > 0
+    }
+
     fn root(&self) -> &Matrix {
         self.layer.root()
     }

@@ -1,17 +1,17 @@
 //! From one view to the next: the dual queue of Duchaineau et al. 1997 within budgets.
 
 use super::changes::Changes;
-use super::graph::{Cost, Graph};
-use super::node::Node;
+use super::foresight::Impasse;
+use super::graph::Graph;
 use super::patch::{GridToWorld, Patch, VertexForm};
 use super::projection::Projection;
+use super::queues::{Entry, Queues};
+use super::skeleton::{Cost, Shortage, Skeleton};
 use super::{DiamondSource, View};
 use crate::Result;
 use crate::lattice::Diamond;
 use crate::log::{LogLevel, log};
-use crate::schedule::{Budget, Deadline, Ranked};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use crate::schedule::{Budget, Deadline};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -46,7 +46,8 @@ pub struct Stats {
     pub added: u64,
     /// Patches that are no longer drawn since this update.
     pub removed: u64,
-    /// Bytes held in heights, slopes and patches.
+    /// Bytes set aside for heights, slopes and patches: enough for the masks and the lists of triangles of all that
+    /// may have voids or lie at the border.
     pub bytes: u64,
     /// Largest projected error of the patches to draw, in pixels; may be infinite. Above the tolerance where
     /// nothing was cut short: detail is missing, or could not be read.
@@ -63,30 +64,28 @@ pub struct Stats {
     pub budget_too_small: bool,
 }
 
-/// Ties: coarser diamonds first in refinement, finer ones in coarsening. The last is the node's place.
-type Entry = Ranked<(Reverse<u32>, Diamond, usize)>;
-
 /// The drawn halves of the refined part of the diamond graph, kept from frame to frame. One thread at a
 /// time.
 pub struct Cut {
     graph: Graph,
     triangle_strip: Box<[u16]>,
-    /// What the root alone takes.
-    root_cost: Cost,
-    /// Entries may be stale; they are judged again when they come up.
-    refinements: BinaryHeap<Entry>,
-    coarsenings: BinaryHeap<Reverse<Entry>>,
+    /// Halves drawn of the root alone, and its bytes.
+    root: [u64; 2],
+    queues: Queues,
     chain: Vec<usize>,
     /// Visible patches: squared distance, handle, place, half.
     order: Vec<(f64, u64, usize, usize)>,
     visible: Vec<Arc<Patch>>,
     /// The last update could have used bytes that the guard band holds.
     short_of_bytes: bool,
+    /// With this view and budget there is no way out of an impasse, unless the cut has changed since.
+    no_way_out: Option<(View, Budget)>,
     updates: u64,
 }
 
 /// What an update is done with.
 struct Pass<'a> {
+    view: &'a View,
     projection: Projection,
     tolerance: f64,
     budget: &'a Budget,
@@ -101,10 +100,8 @@ enum Halt {
     Satisfied,
     /// Time, refinements or uploads of this update are used up.
     Interrupted,
-    /// No room for the next refinement, in patches.
-    OutOfPatches,
-    /// No room for the next refinement, in bytes.
-    OutOfBytes,
+    /// No room for the next refinement.
+    Full(Shortage),
 }
 
 impl Cut {
@@ -115,21 +112,18 @@ impl Cut {
     /// Those of the source's root summary.
     pub fn new(source: Arc<dyn DiamondSource>, options: CutOptions) -> Result<Cut> {
         let graph = Graph::new(source, options.vertex_form)?;
-        let root_cost = Cost {
-            patches: graph.patches().count() as i64,
-            bytes: graph.bytes() as i64,
-            upload: 0,
-        };
+        let skeleton = graph.skeleton();
+        let drawn = skeleton.nodes().map(|(_, node)| node.drawn_halves()).sum();
         Ok(Cut {
             triangle_strip: graph.maker().grid().triangle_strip().into(),
+            root: [drawn, skeleton.bytes()],
             graph,
-            root_cost,
-            refinements: BinaryHeap::new(),
-            coarsenings: BinaryHeap::new(),
+            queues: Queues::default(),
             chain: Vec::new(),
             order: Vec::new(),
             visible: Vec::new(),
             short_of_bytes: false,
+            no_way_out: None,
             updates: 0,
         })
     }
@@ -148,6 +142,7 @@ impl Cut {
         let began = Instant::now();
         let guard = if self.short_of_bytes { 1.0 } else { GUARD_BAND };
         let mut pass = Pass {
+            view,
             projection: Projection::new(view, guard)?,
             tolerance: view.tolerance,
             budget,
@@ -155,17 +150,22 @@ impl Cut {
             stats: Stats::default(),
         };
         self.updates += 1;
-        self.judge(&pass);
+        self.graph.skeleton_mut().look(&pass.projection);
+        self.queues.fill(self.graph.skeleton(), pass.tolerance);
         let judged = began.elapsed();
 
-        let too_small = !fits(budget, self.root_cost.patches, self.root_cost.bytes);
+        let [patches, bytes] = self.root;
+        let too_small = patches > budget.patches || bytes > budget.bytes;
         self.shrink(&mut pass, too_small);
         if budget.refinements > 0 && !too_small {
-            let halt = self.refine_all(&mut pass);
+            let mut halt = self.refine_all(&mut pass);
+            while matches!(halt, Halt::Full(_)) && self.start_again(&mut pass) {
+                halt = self.refine_all(&mut pass);
+            }
             if halt != Halt::Interrupted {
                 self.collect(&mut pass);
             }
-            self.short_of_bytes = halt == Halt::OutOfBytes;
+            self.short_of_bytes = halt == Halt::Full(Shortage::Bytes);
         }
 
         let listing = Instant::now();
@@ -173,8 +173,12 @@ impl Cut {
         self.list(view.eye, &mut stats);
         let changes = self.graph.changes().close_update();
         (stats.added, stats.removed) = (changes.added, changes.removed);
-        stats.bytes = self.graph.bytes();
-        stats.cut_short = self.next_refinement(view.tolerance).is_some();
+        let skeleton = self.graph.skeleton();
+        stats.bytes = skeleton.bytes();
+        stats.cut_short = self
+            .queues
+            .next_refinement(skeleton, view.tolerance)
+            .is_some();
         stats.budget_too_small = too_small;
         stats.fixed_microseconds = (judged + listing.elapsed()).as_secs_f64() * 1e6;
         stats.microseconds = began.elapsed().as_secs_f64() * 1e6;
@@ -216,78 +220,27 @@ impl Cut {
         self.graph.maker().grid_to_world()
     }
 
-    /// Judges the present cut and fills both queues.
-    fn judge(&mut self, pass: &Pass) {
-        self.graph.look(&pass.projection);
-        self.refinements.clear();
-        self.coarsenings.clear();
-        for (place, node) in self.graph.nodes() {
-            if is_candidate(&self.graph, node, pass.tolerance) {
-                self.refinements.push(entry(node.priority, place, node));
-            }
-            if is_coarsenable(node) {
-                self.coarsenings
-                    .push(Reverse(entry(node.keep, place, node)));
-            }
-        }
-    }
-
-    /// Puts a node that has changed where it belongs.
-    fn enqueue(&mut self, place: usize, tolerance: f64) {
-        let Some(node) = self.graph.node(place) else {
-            return;
-        };
-        if is_candidate(&self.graph, node, tolerance) {
-            self.refinements.push(entry(node.priority, place, node));
-        }
-        if is_coarsenable(node) {
-            self.coarsenings
-                .push(Reverse(entry(node.keep, place, node)));
-        }
-    }
-
     /// The candidate of largest projected error, left in its queue.
-    fn next_refinement(&mut self, tolerance: f64) -> Option<Entry> {
-        while let Some(&top) = self.refinements.peek() {
-            let (_, diamond, place) = top.item;
-            let is_current = self.graph.node(place).is_some_and(|node| {
-                node.diamond == diamond
-                    && node.priority == top.key
-                    && is_candidate(&self.graph, node, tolerance)
-            });
-            if is_current {
-                return Some(top);
-            }
-            self.refinements.pop();
-        }
-        None
+    fn next_refinement(&mut self, pass: &Pass) -> Option<Entry> {
+        self.queues
+            .next_refinement(self.graph.skeleton(), pass.tolerance)
     }
 
     /// The refinement of least projected error that can be taken back, left in its queue.
     fn next_coarsening(&mut self) -> Option<Entry> {
-        while let Some(&Reverse(least)) = self.coarsenings.peek() {
-            let (_, diamond, place) = least.item;
-            let is_current = self.graph.node(place).is_some_and(|node| {
-                node.diamond == diamond && node.keep == least.key && is_coarsenable(node)
-            });
-            if is_current {
-                return Some(least);
-            }
-            self.coarsenings.pop();
-        }
-        None
+        self.queues.next_coarsening(self.graph.skeleton())
     }
 
     /// Refines by projected error until all is within the tolerance or a budget is used up.
     fn refine_all(&mut self, pass: &mut Pass) -> Halt {
-        while let Some(top) = self.next_refinement(pass.tolerance) {
+        while let Some(top) = self.next_refinement(pass) {
             let mut chain = std::mem::take(&mut self.chain);
             chain.clear();
             let refined = pass.stats.refined;
-            let halt = if self.graph.chain(top.item.2, &mut chain) {
+            let halt = if self.graph.skeleton().chain(top.item.2, &mut chain) {
                 self.refine_chain(&chain, top.key, pass)
             } else {
-                self.refinements.pop();
+                self.queues.skip_refinement();
                 None
             };
             self.chain = chain;
@@ -307,11 +260,9 @@ impl Cut {
             return Some(halt);
         }
         for &place in chain {
-            let (upload, diamond) = match self.graph.node(place) {
-                Some(node) => (
-                    self.graph.refinement_cost(node, &pass.projection).upload,
-                    node.diamond,
-                ),
+            let skeleton = self.graph.skeleton();
+            let (upload, diamond) = match skeleton.node(place) {
+                Some(node) => (skeleton.refinement_upload(node), node.diamond),
                 None => return None,
             };
             let began = Instant::now();
@@ -331,7 +282,7 @@ impl Cut {
                 return None;
             }
             pass.stats.refined += 1;
-            self.enqueue_family(diamond, place, pass.tolerance);
+            self.push_family(diamond, pass);
         }
         None
     }
@@ -339,20 +290,8 @@ impl Cut {
     /// Coarsens what matters less until the refinement of `chain` fits.
     fn make_room(&mut self, chain: &[usize], error: f64, pass: &mut Pass) -> Option<Halt> {
         loop {
-            let mut cost = Cost::default();
-            for node in chain.iter().filter_map(|&place| self.graph.node(place)) {
-                cost += self.graph.refinement_cost(node, &pass.projection);
-            }
-            let patches = self.graph.visible_patches() as i64 + cost.patches;
-            let bytes = self.graph.bytes() as i64 + cost.bytes;
-            if fits(pass.budget, patches, bytes) {
-                return None;
-            }
-            let full = if bytes > clamped(pass.budget.bytes) {
-                Halt::OutOfBytes
-            } else {
-                Halt::OutOfPatches
-            };
+            let skeleton = self.graph.skeleton_mut();
+            let full = Halt::Full(skeleton.shortage(chain, &pass.projection, pass.budget)?);
             let Some(least) = self.next_coarsening() else {
                 return Some(full);
             };
@@ -360,16 +299,55 @@ impl Cut {
                 return Some(full);
             }
             if self.is_parent_of_any(least.item.1, chain) {
-                self.coarsenings.pop();
+                self.queues.skip_coarsening();
             } else if !self.try_coarsen(least, pass) {
                 return Some(Halt::Interrupted);
             }
         }
     }
 
+    /// Out of an impasse, where a fresh cut would come to errors smaller by more than the factor of exchange: gives up
+    /// all that was not refined for an error above that of the impasse. False where nothing changes. Only once nothing
+    /// else has changed, and of a still view once for all.
+    fn start_again(&mut self, pass: &mut Pass) -> bool {
+        let change = pass.stats.refined + pass.stats.coarsened;
+        let still = (*pass.view, *pass.budget);
+        if change > 0 || pass.deadline.is_past(Instant::now()) || self.no_way_out == Some(still) {
+            return false;
+        }
+        let Some(error) = self.next_refinement(pass).map(|next| next.key) else {
+            return false;
+        };
+        let impasse = Impasse {
+            skeleton: self.graph.skeleton(),
+            projection: &pass.projection,
+            budget: pass.budget,
+            error,
+            goal: (error / EXCHANGE).min(f64::MAX).max(pass.tolerance),
+        };
+        let way_out = impasse.way_out();
+        self.no_way_out = Some(still);
+        for diamond in way_out.into_iter().flatten() {
+            let Some(place) = self.skeleton().place(diamond) else {
+                continue;
+            };
+            if !self.can_upload(self.coarsening_cost(place).upload, pass) {
+                break;
+            }
+            self.coarsen(diamond, place, pass);
+        }
+        self.shrink(pass, false);
+        pass.stats.coarsened > 0
+    }
+
+    fn skeleton(&self) -> &Skeleton {
+        self.graph.skeleton()
+    }
+
     fn is_parent_of_any(&self, parent: Diamond, places: &[usize]) -> bool {
-        let lattice = self.graph.source().lattice();
-        let mut nodes = places.iter().filter_map(|&place| self.graph.node(place));
+        let skeleton = self.skeleton();
+        let lattice = skeleton.source().lattice();
+        let mut nodes = places.iter().filter_map(|&place| skeleton.node(place));
         nodes.any(|node| lattice.parents(node.diamond).contains(&Some(parent)))
     }
 
@@ -377,45 +355,31 @@ impl Cut {
         self.graph.uploaded().saturating_add(bytes) <= pass.budget.upload_bytes
     }
 
-    fn coarsening_cost(&self, entry: Entry) -> Cost {
-        let node = self.graph.node(entry.item.2);
-        node.map(|node| self.graph.coarsening_cost(node))
+    fn coarsening_cost(&self, place: usize) -> Cost {
+        let node = self.skeleton().node(place);
+        node.map(|node| self.skeleton().coarsening_cost(node))
             .unwrap_or_default()
     }
 
-    fn coarsen(&mut self, entry: Entry, pass: &mut Pass) {
-        let (_, diamond, place) = entry.item;
+    fn coarsen(&mut self, diamond: Diamond, place: usize, pass: &mut Pass) {
         self.graph.coarsen(place, &pass.projection);
         pass.stats.coarsened += 1;
-        self.enqueue_family(diamond, place, pass.tolerance);
+        self.push_family(diamond, pass);
     }
 
-    /// Puts a refined or coarsened node, its children and its parents where they belong.
-    fn enqueue_family(&mut self, diamond: Diamond, place: usize, tolerance: f64) {
-        let lattice = self.graph.source().lattice();
-        let (children, parents) = (lattice.children(diamond), lattice.parents(diamond));
-        self.enqueue(place, tolerance);
-        for relative in children.into_iter().chain(parents).flatten() {
-            if let Some(place) = self.graph.place(relative) {
-                self.enqueue(place, tolerance);
-            }
-        }
+    fn push_family(&mut self, diamond: Diamond, pass: &Pass) {
+        self.no_way_out = None;
+        self.queues
+            .push_family(self.graph.skeleton(), diamond, pass.tolerance);
     }
 
     /// Coarsens until the cut is within the patch and byte budgets, or down to the root.
     fn shrink(&mut self, pass: &mut Pass, to_root: bool) {
-        let is_over = |graph: &Graph| {
-            !fits(
-                pass.budget,
-                graph.visible_patches() as i64,
-                graph.bytes() as i64,
-            )
-        };
-        while to_root || is_over(&self.graph) {
+        while to_root || self.skeleton().excess(pass.budget).is_some() {
             let Some(least) = self.next_coarsening() else {
                 return;
             };
-            self.coarsen(least, pass);
+            self.coarsen(least.item.1, least.item.2, pass);
         }
     }
 
@@ -432,28 +396,31 @@ impl Cut {
     /// garbage cannot pile up while budgets always end before [`collect`](Self::collect).
     fn discard_one(&mut self, pass: &mut Pass) {
         while let Some(least) = self.next_coarsening().filter(|least| least.key == 0.0) {
-            let node = self.graph.node(least.item.2);
+            let node = self.skeleton().node(least.item.2);
             if node.is_some_and(|node| node.refined_at + PATIENCE < self.updates) {
                 self.try_coarsen(least, pass);
                 return;
             }
-            self.coarsenings.pop();
+            self.queues.skip_coarsening();
         }
     }
 
     /// Coarsens unless that would exceed a budget (a coarse patch may be visible where its finer ones
     /// were not); then the diamond leaves the queue. False when there is no time or upload left.
     fn try_coarsen(&mut self, entry: Entry, pass: &mut Pass) -> bool {
-        let cost = self.coarsening_cost(entry);
+        let (_, diamond, place) = entry.item;
+        let cost = self.coarsening_cost(place);
         if pass.deadline.is_past(Instant::now()) || !self.can_upload(cost.upload, pass) {
             return false;
         }
-        let patches = self.graph.visible_patches() as i64 + cost.patches;
-        let bytes = self.graph.bytes() as i64 + cost.bytes;
-        if fits(pass.budget, patches, bytes) {
-            self.coarsen(entry, pass);
+        let after = |now: u64, change: i64| now.saturating_add_signed(change);
+        let (patches, bytes) = (self.skeleton().visible_patches(), self.skeleton().bytes());
+        if after(patches, cost.patches) <= pass.budget.patches
+            && after(bytes, cost.bytes) <= pass.budget.bytes
+        {
+            self.coarsen(diamond, place, pass);
         } else {
-            self.coarsenings.pop();
+            self.queues.skip_coarsening();
         }
         true
     }
@@ -462,9 +429,12 @@ impl Cut {
     fn list(&mut self, eye: [f64; 3], stats: &mut Stats) {
         self.order.clear();
         let all_triangles = self.triangle_list().len();
-        for (place, node) in self.graph.nodes() {
+        for (place, node) in self.graph.skeleton().nodes() {
             for (index, half) in node.halves.iter().enumerate() {
-                let Some(patch) = half.patch.as_ref().filter(|_| half.visible) else {
+                if node.refined || !half.visible {
+                    continue;
+                }
+                let Some(patch) = self.graph.patch(place, index) else {
                     continue;
                 };
                 let indices = patch
@@ -486,34 +456,9 @@ impl Cut {
         stats.patches = self.order.len() as u64;
         self.visible.clear();
         for &(_, _, place, half) in &self.order {
-            let node = self.graph.node(place);
-            self.visible
-                .extend(node.and_then(|node| node.halves[half].patch.clone()));
+            self.visible.extend(self.graph.patch(place, half).cloned());
         }
     }
-}
-
-fn is_candidate(graph: &Graph, node: &Node, tolerance: f64) -> bool {
-    node.priority > tolerance && graph.is_refinable(node)
-}
-
-fn is_coarsenable(node: &Node) -> bool {
-    node.refined && node.refined_children == 0
-}
-
-fn entry(key: f64, place: usize, node: &Node) -> Entry {
-    Ranked {
-        key,
-        item: (Reverse(node.level), node.diamond, place),
-    }
-}
-
-fn clamped(limit: u64) -> i64 {
-    i64::try_from(limit).unwrap_or(i64::MAX)
-}
-
-fn fits(budget: &Budget, patches: i64, bytes: i64) -> bool {
-    patches <= clamped(budget.patches) && bytes <= clamped(budget.bytes)
 }
 
 fn squared_distance(eye: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> f64 {

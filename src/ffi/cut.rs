@@ -64,11 +64,12 @@ pub struct kmb_budget {
     pub microseconds: u64,
     /// Refinements in this update; 0 leaves the cut as it is.
     pub refinements: u64,
-    /// Bytes of decoded data that the cut holds.
+    /// Bytes of decoded data that the cut holds, with all masks and lists of triangles that voids and borders may
+    /// need.
     pub bytes: u64,
     /// Bytes of vertices handed out anew in this update.
     pub upload_bytes: u64,
-    /// Patches in the cut.
+    /// Patches to draw; a half of a diamond counts as one even if it turns out to be void.
     pub patches: u64,
 }
 
@@ -92,7 +93,7 @@ pub struct kmb_stats {
     pub added: u64,
     /// Patches that left the cut.
     pub removed: u64,
-    /// Bytes of decoded data that the cut holds.
+    /// Bytes of decoded data that the cut holds, counted as its budget counts them.
     pub bytes: u64,
     /// Refinements begun after the deadline; always 0.
     pub late_refinements: u64,

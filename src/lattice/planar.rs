@@ -256,26 +256,30 @@ impl Lattice {
             && (0..i64::from(self.height)).contains(&position[1])
     }
 
+    /// Whether the open triangle of a half or of part of one, its corners in samples, meets the open domain.
+    pub fn meets_domain(&self, triangle: [[i64; 2]; 3]) -> bool {
+        let last = [i64::from(self.width) - 1, i64::from(self.height) - 1];
+        let any = |holds: &dyn Fn([i64; 2]) -> bool| triangle.into_iter().any(holds);
+        // Of the domain's corners only the far one can lie within the root square, so that of all turned
+        // lines only one through it can keep a triangle apart from the domain.
+        any(&|[column, _]| column > 0)
+            && any(&|[_, row]| row > 0)
+            && any(&|[column, _]| column < last[0])
+            && any(&|[_, row]| row < last[1])
+            && any(&|[column, row]| column + row < last[0] + last[1])
+    }
+
     /// Whether a triangle of a patch is drawn, given its vertices in samples and which of them are valid.
     ///
     /// None wholly outside the open domain is. At the leaf level all three must be valid; at coarser
     /// ones any, or all three be outside, as where only the triangle's middle covers the domain's corner.
     pub fn draws(&self, is_leaf: bool, triangle: [[i64; 2]; 3], valid: [bool; 3]) -> bool {
-        let last = [i64::from(self.width) - 1, i64::from(self.height) - 1];
-        let any = |holds: &dyn Fn([i64; 2]) -> bool| triangle.into_iter().any(holds);
-        // Of the domain's corners only the far one can lie within the root square, so that of all turned
-        // lines only one through it can keep a triangle apart from the domain.
-        let meets_domain = any(&|[column, _]| column > 0)
-            && any(&|[_, row]| row > 0)
-            && any(&|[column, _]| column < last[0])
-            && any(&|[_, row]| row < last[1])
-            && any(&|[column, row]| column + row < last[0] + last[1]);
         let has_ground = if is_leaf {
             valid == [true; 3]
         } else {
             valid.contains(&true) || triangle.into_iter().all(|vertex| !self.in_raster(vertex))
         };
-        meets_domain && has_ground
+        self.meets_domain(triangle) && has_ground
     }
 
     /// Whether the whole square lies in the closed domain, so that no vertex is outside.

@@ -1,5 +1,6 @@
 //! Properties of cuts: legal, without cracks, within budgets, settled when nothing moves.
 
+mod best;
 mod cases;
 mod missing;
 mod properties;

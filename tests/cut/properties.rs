@@ -159,23 +159,6 @@ proptest! {
     }
 
     #[test]
-    fn a_settled_cut_is_as_good_as_a_fresh_one(
-        scene in scenes(),
-        (first, second) in (stands(), stands()),
-        patches in 4u64..150,
-    ) {
-        let budget = Budget { patches, ..Budget::UNLIMITED };
-        let source = Arc::new(scene.source());
-        let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
-        settle(&mut cut, &view(&source, first), &budget);
-        let here = view(&source, second);
-        let old = settle(&mut cut, &here, &budget);
-        let fresh = settle(&mut Cut::new(source.clone(), COMPACT).unwrap(), &here, &budget);
-        let tolerated = fresh.largest_error.max(second.tolerance);
-        prop_assert!(old.largest_error <= 1.05 * tolerated, "{} {}", old.largest_error, tolerated);
-    }
-
-    #[test]
     fn compact_and_expanded_vertices_are_one_surface(
         scene in scenes(),
         stand in stands(),

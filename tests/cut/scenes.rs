@@ -145,6 +145,11 @@ pub fn cracks(cut: &Cut, source: &MemorySource) -> u64 {
 pub fn settle(cut: &mut Cut, view: &View, budget: &Budget) -> Stats {
     for _ in 0..5000 {
         let stats = cut.update(view, budget).unwrap();
+        assert!(
+            stats.budget_too_small
+                || (stats.patches <= budget.patches && stats.bytes <= budget.bytes),
+            "{stats:?} over {budget:?}"
+        );
         if stats.refined + stats.coarsened + stats.added == 0 {
             return stats;
         }
