@@ -25,5 +25,5 @@ pub use query::{Height, Query};
 pub use source::{DiamondSource, Summary};
 pub use terrain::Terrain;
 pub use update::{Cut, CutOptions, Stats};
-pub use view::View;
+pub use view::{Metric, View};
 pub use window::{Coarse, Window, level_size, level_step, read_window};

@@ -9,6 +9,7 @@ use crate::lattice::{Apex, Diamond, Lattice};
 pub(super) struct Node {
     pub diamond: Diamond,
     pub level: u32,
+    pub is_leaf: bool,
     pub bounds: Bounds,
     /// Its detail is missing, so that it is never refined.
     pub is_missing: bool,
@@ -128,6 +129,7 @@ impl Node {
         Node {
             diamond,
             level: diamond.level(),
+            is_leaf: diamond.level() == lattice.levels(),
             bounds,
             is_missing: outlook.is_missing,
             halves: [half(0), half(1)],
@@ -189,7 +191,7 @@ impl Node {
     /// Judges the halves that have arrived by a view.
     pub fn look(&mut self, projection: &Projection) {
         (self.priority, self.keep) = (0.0, 0.0);
-        let error = self.bounds.error;
+        let error = (!self.is_leaf).then_some(self.bounds.error);
         for half in self.halves.iter_mut() {
             if !half.has_arrived || !half.in_domain {
                 continue;

@@ -145,7 +145,7 @@ impl PatchMaker {
         let shape = Shape {
             apex: self.lattice.apexes(node.diamond)[half],
             placement: self.lattice.placement(node.diamond),
-            is_leaf: node.level == self.lattice.levels(),
+            is_leaf: node.is_leaf,
             content,
         };
         let indices = self.own_indices(&shape);

@@ -117,7 +117,7 @@ impl Skeleton {
     pub fn is_refinable(&self, node: &Node) -> bool {
         !node.refined
             && !node.is_missing
-            && node.level < self.lattice().levels()
+            && !node.is_leaf
             && (self.failed.is_empty() || !self.failed.contains(&node.diamond))
     }
 

@@ -7,7 +7,7 @@ use super::patch::{GridToWorld, Patch, VertexForm};
 use super::projection::Projection;
 use super::queues::{Entry, Queues};
 use super::skeleton::{Cost, Shortage, Skeleton};
-use super::{DiamondSource, View};
+use super::{DiamondSource, Metric, View};
 use crate::Result;
 use crate::lattice::Diamond;
 use crate::log::{LogLevel, log};
@@ -29,6 +29,8 @@ const PATIENCE: u64 = 32;
 pub struct CutOptions {
     /// What the vertices of its patches hold.
     pub vertex_form: VertexForm,
+    /// What tolerances are about.
+    pub metric: Metric,
 }
 
 /// What one update did, and what it left.
@@ -49,7 +51,7 @@ pub struct Stats {
     /// Bytes set aside for heights, slopes and patches: enough for the masks and the lists of triangles of all that
     /// may have voids or lie at the border.
     pub bytes: u64,
-    /// Largest projected error of the patches to draw, in pixels; may be infinite. Above the tolerance where
+    /// Largest projected error of the patches to draw, in pixels by the metric; may be infinite. Above the tolerance where
     /// nothing was cut short: detail is missing, or could not be read.
     pub largest_error: f64,
     /// Time for judging the present cut and listing what is drawn, whatever else is done.
@@ -68,6 +70,7 @@ pub struct Stats {
 /// time.
 pub struct Cut {
     graph: Graph,
+    metric: Metric,
     triangle_strip: Box<[u16]>,
     /// Halves drawn of the root alone, and its bytes.
     root: [u64; 2],
@@ -118,6 +121,7 @@ impl Cut {
             triangle_strip: graph.maker().grid().triangle_strip().into(),
             root: [drawn, skeleton.bytes()],
             graph,
+            metric: options.metric,
             queues: Queues::default(),
             chain: Vec::new(),
             order: Vec::new(),
@@ -141,9 +145,10 @@ impl Cut {
     pub fn update(&mut self, view: &View, budget: &Budget) -> Result<Stats> {
         let began = Instant::now();
         let guard = if self.short_of_bytes { 1.0 } else { GUARD_BAND };
+        let cells = self.skeleton().source().lattice().cells();
         let mut pass = Pass {
             view,
-            projection: Projection::new(view, guard)?,
+            projection: Projection::new(view, guard, self.metric, cells)?,
             tolerance: view.tolerance,
             budget,
             deadline: Deadline::after(began, budget.microseconds),

@@ -2,6 +2,7 @@
 
 mod best;
 mod cases;
+mod metrics;
 mod missing;
 mod properties;
 mod repositories;

@@ -2,17 +2,25 @@
 
 use crate::support::camera::looking;
 use crate::support::memory::{MemorySource, Raster};
-use kimberlite::cut::{Cut, CutOptions, DiamondSource, Stats, VertexForm, View};
+use kimberlite::cut::{Cut, CutOptions, DiamondSource, Metric, Stats, VertexForm, View};
 use kimberlite::schedule::Budget;
 use kimberlite::tool::count_cracks;
 use proptest::prelude::*;
 
 pub const COMPACT: CutOptions = CutOptions {
     vertex_form: VertexForm::Compact,
+    metric: Metric::Geometric,
 };
 pub const EXPANDED: CutOptions = CutOptions {
     vertex_form: VertexForm::Expanded,
+    metric: Metric::Geometric,
 };
+
+/// Of errors on the screen or of the size of triangles.
+pub fn by_any_metric() -> impl Strategy<Value = CutOptions> {
+    let metrics = prop_oneof![Just(Metric::Geometric), Just(Metric::Sampling)];
+    metrics.prop_map(|metric| CutOptions { metric, ..COMPACT })
+}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Voids {
