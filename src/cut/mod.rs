@@ -13,6 +13,7 @@ mod queues;
 mod skeleton;
 mod slopes;
 mod source;
+mod stock;
 mod terrain;
 mod update;
 mod view;

@@ -18,7 +18,8 @@ pub(super) struct Node {
     pub refined_children: u8,
     /// The update in which it was last refined.
     pub refined_at: u64,
-    /// Projected error in pixels; 0 where no half that has arrived is visible.
+    /// Projected error in pixels; 0 where no half that has arrived is visible. Like `keep` and what is visible it is
+    /// that of the last look, which leaves out nodes with refined children.
     pub priority: f64,
     /// The same, but 0 only outside the guard band.
     pub keep: f64,
@@ -186,6 +187,11 @@ impl Node {
     pub fn lose(&mut self, half: usize) {
         self.halves[half].has_arrived = false;
         self.halves[half].visible = false;
+    }
+
+    /// Whether how it looks matters for what may be refined or coarsened next, and for what is drawn.
+    pub fn is_on_the_cut(&self) -> bool {
+        self.refined_children == 0
     }
 
     /// Judges the halves that have arrived by a view.

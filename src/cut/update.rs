@@ -176,6 +176,7 @@ impl Cut {
         let listing = Instant::now();
         let mut stats = pass.stats;
         self.list(view.eye, &mut stats);
+        self.graph.sweep(budget.bytes);
         let changes = self.graph.changes().close_update();
         (stats.added, stats.removed) = (changes.added, changes.removed);
         let skeleton = self.graph.skeleton();
@@ -459,9 +460,16 @@ impl Cut {
         self.order
             .sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         stats.patches = self.order.len() as u64;
-        self.visible.clear();
-        for &(_, _, place, half) in &self.order {
-            self.visible.extend(self.graph.patch(place, half).cloned());
+        self.visible.truncate(self.order.len());
+        for (index, &(_, handle, place, half)) in self.order.iter().enumerate() {
+            let Some(patch) = self.graph.patch(place, half) else {
+                continue;
+            };
+            match self.visible.get_mut(index) {
+                Some(old) if old.handle == handle => {}
+                Some(old) => *old = patch.clone(),
+                None => self.visible.push(patch.clone()),
+            }
         }
     }
 }
