@@ -9,13 +9,6 @@ use std::sync::Arc;
 /// What the largest error may exceed that of a fresh cut by.
 const FACTOR: f64 = 1.05;
 
-/// Random cases; KIMBERLITE_CASES asks for another number.
-fn config(cases: u32) -> ProptestConfig {
-    let asked = std::env::var("KIMBERLITE_CASES").ok();
-    let asked = asked.and_then(|asked| asked.parse().ok());
-    ProptestConfig::with_cases(asked.unwrap_or(cases))
-}
-
 /// Largest errors at the last of some stands of a cut that has settled at each, and of a fresh cut.
 fn errors(scene: &Scene, options: CutOptions, stands: &[Stand], budget: &Budget) -> [f64; 2] {
     let source = Arc::new(scene.source());

@@ -2,6 +2,8 @@
 
 mod best;
 mod cases;
+mod conformity;
+mod flights;
 mod metrics;
 mod missing;
 mod properties;

@@ -16,6 +16,13 @@ pub const EXPANDED: CutOptions = CutOptions {
     metric: Metric::Geometric,
 };
 
+/// Random cases; KIMBERLITE_CASES asks for another number.
+pub fn config(cases: u32) -> ProptestConfig {
+    let asked = std::env::var("KIMBERLITE_CASES").ok();
+    let asked = asked.and_then(|asked| asked.parse().ok());
+    ProptestConfig::with_cases(asked.unwrap_or(cases))
+}
+
 /// Of errors on the screen or of the size of triangles.
 pub fn by_any_metric() -> impl Strategy<Value = CutOptions> {
     let metrics = prop_oneof![Just(Metric::Geometric), Just(Metric::Sampling)];
