@@ -7,6 +7,7 @@ mod flights;
 mod metrics;
 mod missing;
 mod properties;
+mod rays;
 mod repositories;
 mod scenes;
 #[path = "../support/mod.rs"]
