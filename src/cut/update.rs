@@ -24,6 +24,14 @@ const GUARD_BAND: f64 = 1.25;
 /// Updates for which a refinement out of sight may still be waiting for others that it was made for.
 const PATIENCE: u64 = 32;
 
+/// Before there was any.
+const NO_VIEW: View = View {
+    eye: [0.0; 3],
+    world_to_clip: [0.0; 16],
+    viewport: [0.0; 2],
+    tolerance: 0.0,
+};
+
 /// Choices that hold for the life of a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CutOptions {
@@ -81,8 +89,10 @@ pub struct Cut {
     visible: Vec<Arc<Patch>>,
     /// The last update could have used bytes that the guard band holds.
     short_of_bytes: bool,
-    /// With this view and budget there is no way out of an impasse, unless the cut has changed since.
-    no_way_out: Option<(View, Budget)>,
+    /// The view and budget with which a way out of an impasse was looked for last.
+    impasse: (View, Budget),
+    /// There was none, and the cut has not changed since.
+    no_way_out: bool,
     updates: u64,
 }
 
@@ -127,7 +137,8 @@ impl Cut {
             order: Vec::new(),
             visible: Vec::new(),
             short_of_bytes: false,
-            no_way_out: None,
+            impasse: (NO_VIEW, Budget::UNLIMITED),
+            no_way_out: false,
             updates: 0,
         })
     }
@@ -318,7 +329,10 @@ impl Cut {
     fn start_again(&mut self, pass: &mut Pass) -> bool {
         let change = pass.stats.refined + pass.stats.coarsened;
         let still = (*pass.view, *pass.budget);
-        if change > 0 || pass.deadline.is_past(Instant::now()) || self.no_way_out == Some(still) {
+        if change > 0
+            || pass.deadline.is_past(Instant::now())
+            || (self.no_way_out && self.impasse == still)
+        {
             return false;
         }
         let Some(error) = self.next_refinement(pass).map(|next| next.key) else {
@@ -332,7 +346,7 @@ impl Cut {
             goal: (error / EXCHANGE).min(f64::MAX).max(pass.tolerance),
         };
         let way_out = impasse.way_out();
-        self.no_way_out = Some(still);
+        (self.impasse, self.no_way_out) = (still, true);
         for diamond in way_out.into_iter().flatten() {
             let Some(place) = self.skeleton().place(diamond) else {
                 continue;
@@ -374,7 +388,7 @@ impl Cut {
     }
 
     fn push_family(&mut self, diamond: Diamond, pass: &Pass) {
-        self.no_way_out = None;
+        self.no_way_out = false;
         self.queues
             .push_family(self.graph.skeleton(), diamond, pass.tolerance);
     }
