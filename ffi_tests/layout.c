@@ -92,9 +92,10 @@ static void structs(void)
     AT(kmb_patch_info, vertex_floats, 216);
     AT(kmb_patch_info, indices, 224);
     AT(kmb_patch_info, index_count, 232);
-    SIZE(kmb_cut_options, 8);
+    SIZE(kmb_cut_options, 12);
     AT(kmb_cut_options, struct_size, 0);
     AT(kmb_cut_options, vertex_form, 4);
+    AT(kmb_cut_options, metric, 8);
     SIZE(kmb_view, 184);
     AT(kmb_view, struct_size, 0);
     AT(kmb_view, reserved, 4);

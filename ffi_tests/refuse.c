@@ -129,6 +129,9 @@ static void refuse_cut(const kmb_repository *repository)
     kmb_grid_to_world map = {.struct_size = sizeof map};
     kmb_cut_options options = {.struct_size = sizeof options, .vertex_form = 9};
     CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_cut_create(repository, &options, &cut));
+    options.vertex_form = KMB_VERTEX_COMPACT;
+    options.metric = 2;
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_cut_create(repository, &options, &cut));
     CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_cut_create(NULL, NULL, &cut));
     CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_cut_create(repository, NULL, NULL));
     CHECK_STATUS(KMB_OK, kmb_cut_create(repository, NULL, &cut));

@@ -522,6 +522,8 @@ typedef struct kmb_cut_options {
     uint32_t struct_size;
     // A kmb_vertex_form.
     uint32_t vertex_form;
+    // A kmb_metric.
+    uint32_t metric;
 } kmb_cut_options;
 
 // A camera, in world coordinates.
@@ -536,7 +538,7 @@ typedef struct kmb_view {
     double world_to_clip[16];
     // Width and height of the picture in pixels.
     double viewport[2];
-    // Largest error on the screen, in pixels, that need not be refined; above 0.
+    // Largest error on the screen, in pixels by the cut's metric, that need not be refined; above 0.
     double tolerance;
 } kmb_view;
 
@@ -604,8 +606,8 @@ typedef struct kmb_grid_to_world {
 } kmb_grid_to_world;
 
 // Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches
-// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED. The repository may
-// be closed before the cut is destroyed.
+// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED, KMB_METRIC_GEOMETRIC.
+// The repository may be closed before the cut is destroyed.
 //
 // May be called with the same repository from several threads at once.
 //

@@ -51,7 +51,7 @@ fn structs_lie_as_c_programs_were_compiled() {
         reserved 36, origin 40, legs 64, corners 80, bounds 152, error 200, vertices 208,
         vertex_floats 216, indices 224, index_count 232
     );
-    layout!(kmb_cut_options, 8, struct_size 0, vertex_form 4);
+    layout!(kmb_cut_options, 12, struct_size 0, vertex_form 4, metric 8);
     layout!(
         kmb_view, 184, struct_size 0, reserved 4, eye 8, world_to_clip 32, viewport 160, tolerance
         176

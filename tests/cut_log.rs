@@ -2,7 +2,7 @@
 
 mod support;
 
-use kimberlite::cut::{Cut, CutOptions, DiamondSource, VertexForm};
+use kimberlite::cut::{Cut, CutOptions, DiamondSource, Metric, VertexForm};
 use kimberlite::schedule::Budget;
 use std::sync::{Arc, Mutex};
 use support::camera::looking;
@@ -24,6 +24,7 @@ fn a_broken_diamond_is_reported_once() {
         source.clone(),
         CutOptions {
             vertex_form: VertexForm::Compact,
+            metric: Metric::Geometric,
         },
     )
     .unwrap();

@@ -61,17 +61,17 @@ impl Impasse<'_> {
     fn coarsen_needless(&self, trial: &mut Skeleton) -> Vec<Diamond> {
         let mut refined: Vec<(u32, Diamond)> = trial
             .nodes()
-            .filter(|(_, node)| node.refined && node.priority <= self.error)
+            .filter(|(_, node)| node.refined)
             .map(|(_, node)| (node.level, node.diamond))
             .collect();
         refined.sort_unstable_by(|a, b| b.cmp(a));
         let mut needless = Vec::new();
         for (_, diamond) in refined {
-            let is_leaf = |place: &usize| {
+            let is_needless = |place: &usize| {
                 let node = trial.node(*place);
-                node.is_some_and(|node| node.refined_children == 0)
+                node.is_some_and(|node| node.refined_children == 0 && node.priority <= self.error)
             };
-            if let Some(place) = trial.place(diamond).filter(is_leaf) {
+            if let Some(place) = trial.place(diamond).filter(is_needless) {
                 trial.coarsen(place, self.projection);
                 needless.push(diamond);
             }

@@ -8,6 +8,7 @@ use super::patch::{Patch, PatchMaker, VertexForm};
 use super::projection::Projection;
 use super::skeleton::{Sizes, Skeleton};
 use super::slopes::{Diagonals, Heights, Slope, root_slopes};
+use super::stock::Stock;
 use crate::Result;
 use crate::codec::{Matrix, Refined};
 use crate::lattice::{Diamond, Lattice, gather_half, reflect_absent_half};
@@ -20,6 +21,7 @@ pub(super) struct Graph {
     contents: Vec<Option<Content>>,
     maker: PatchMaker,
     changes: ChangeLog,
+    stock: Stock,
     scratch: Scratch,
 }
 
@@ -33,7 +35,7 @@ pub(super) struct Content {
 }
 
 impl Content {
-    fn new(lattice: &Lattice) -> Content {
+    pub fn new(lattice: &Lattice) -> Content {
         let entries = (lattice.cells() + 1) * (lattice.cells() + 1);
         Content {
             vertices: Matrix {
@@ -76,6 +78,7 @@ impl Graph {
             contents: vec![Some(content)],
             maker,
             changes: ChangeLog::default(),
+            stock: Stock::default(),
             scratch: Scratch {
                 vertex_slopes: vec![[0.0; 2]; side * side].into(),
                 centre_slopes: vec![[0.0; 2]; cells * cells].into(),
@@ -102,6 +105,12 @@ impl Graph {
 
     pub fn changes(&mut self) -> &mut ChangeLog {
         &mut self.changes
+    }
+
+    /// Makes the storage of patches that are no longer held ready for others, within what a budget of bytes leaves.
+    pub fn sweep(&mut self, budget: u64) {
+        self.stock
+            .sweep(budget.saturating_sub(self.skeleton.bytes()));
     }
 
     /// Bytes of the patches that this update hands out so far.
@@ -157,9 +166,8 @@ impl Graph {
             if self.contents.len() <= place {
                 self.contents.resize_with(place + 1, || None);
             }
-            let mut held = self.contents[place]
-                .take()
-                .unwrap_or_else(|| Content::new(lattice));
+            let held = self.contents[place].take();
+            let mut held = held.unwrap_or_else(|| self.stock.take_content(lattice));
             self.receive(child, &mut held, half, parent, (content, refined));
             self.contents[place] = Some(held);
             self.draw(place, half);
@@ -182,7 +190,7 @@ impl Graph {
             centre_slopes,
             ..
         } = &mut self.scratch;
-        vertex_slopes.copy_from_slice(&content.slopes);
+        copy_boundary(lattice.cells() + 1, &content.slopes, vertex_slopes);
         heights.inner_slopes(&diagonals, vertex_slopes, centre_slopes);
         let half = match lattice.halves(diamond) {
             [true, false] => 0,
@@ -252,6 +260,8 @@ impl Graph {
             self.erase(&mut content, half);
             if self.skeleton.node(child).is_some() {
                 self.contents[child] = Some(content);
+            } else {
+                self.stock.give_content(content);
             }
         }
         let present = lattice.halves(diamond);
@@ -266,7 +276,10 @@ impl Graph {
             return;
         };
         let handle = self.changes.next_handle();
-        let patch = self.maker.make(node, content, half, handle).map(Arc::new);
+        let patch = self
+            .maker
+            .make(node, content, (half, handle), &mut self.stock)
+            .map(Arc::new);
         if let Some(patch) = &patch {
             debug_assert!(node.halves[half].in_domain && patch.bytes() <= node.room.patch);
             self.changes.add(patch);
@@ -277,7 +290,19 @@ impl Graph {
     fn erase(&mut self, content: &mut Content, half: usize) {
         if let Some(patch) = content.patches[half].take() {
             self.changes.remove(&patch);
+            self.stock.retire(patch);
         }
+    }
+}
+
+/// Copies the outermost rows and columns of a square matrix.
+fn copy_boundary(side: usize, from: &[Slope], to: &mut [Slope]) {
+    let last = side * (side - 1);
+    to[..side].copy_from_slice(&from[..side]);
+    to[last..].copy_from_slice(&from[last..]);
+    for row in (side..last).step_by(side) {
+        to[row] = from[row];
+        to[row + side - 1] = from[row + side - 1];
     }
 }
 

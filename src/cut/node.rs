@@ -9,6 +9,7 @@ use crate::lattice::{Apex, Diamond, Lattice};
 pub(super) struct Node {
     pub diamond: Diamond,
     pub level: u32,
+    pub is_leaf: bool,
     pub bounds: Bounds,
     /// Its detail is missing, so that it is never refined.
     pub is_missing: bool,
@@ -17,7 +18,8 @@ pub(super) struct Node {
     pub refined_children: u8,
     /// The update in which it was last refined.
     pub refined_at: u64,
-    /// Projected error in pixels; 0 where no half that has arrived is visible.
+    /// Projected error in pixels; 0 where no half that has arrived is visible. Like `keep` and what is visible it is
+    /// that of the last look, which leaves out nodes with refined children.
     pub priority: f64,
     /// The same, but 0 only outside the guard band.
     pub keep: f64,
@@ -128,6 +130,7 @@ impl Node {
         Node {
             diamond,
             level: diamond.level(),
+            is_leaf: diamond.level() == lattice.levels(),
             bounds,
             is_missing: outlook.is_missing,
             halves: [half(0), half(1)],
@@ -186,10 +189,15 @@ impl Node {
         self.halves[half].visible = false;
     }
 
+    /// Whether how it looks matters for what may be refined or coarsened next, and for what is drawn.
+    pub fn is_on_the_cut(&self) -> bool {
+        self.refined_children == 0
+    }
+
     /// Judges the halves that have arrived by a view.
     pub fn look(&mut self, projection: &Projection) {
         (self.priority, self.keep) = (0.0, 0.0);
-        let error = self.bounds.error;
+        let error = (!self.is_leaf).then_some(self.bounds.error);
         for half in self.halves.iter_mut() {
             if !half.has_arrived || !half.in_domain {
                 continue;

@@ -3,6 +3,7 @@
 use super::DiamondSource;
 use super::graph::Content;
 use super::node::Node;
+use super::stock::Stock;
 use crate::lattice::{Apex, Diamond, Lattice, PatchGrid, Placement};
 
 /// What a patch's vertices hold.
@@ -141,11 +142,17 @@ impl PatchMaker {
     }
 
     /// The patch of a half that has arrived; `None` where none of its triangles is drawn.
-    pub fn make(&self, node: &Node, content: &Content, half: usize, handle: u64) -> Option<Patch> {
+    pub fn make(
+        &self,
+        node: &Node,
+        content: &Content,
+        (half, handle): (usize, u64),
+        stock: &mut Stock,
+    ) -> Option<Patch> {
         let shape = Shape {
             apex: self.lattice.apexes(node.diamond)[half],
             placement: self.lattice.placement(node.diamond),
-            is_leaf: node.level == self.lattice.levels(),
+            is_leaf: node.is_leaf,
             content,
         };
         let indices = self.own_indices(&shape);
@@ -165,6 +172,9 @@ impl PatchMaker {
         let legs = [leg(at(1, 0)), leg(at(0, 1))];
         let corners = [at(0, 0), at(cells, 0), at(0, cells)]
             .map(|([column, row], unit)| self.world([column as f64, row as f64, f64::from(unit)]));
+        let floats = self.grid.vertex_count() * self.form.floats();
+        let mut vertices = stock.take_vertices(floats);
+        let range = self.fill(&shape, legs, &mut vertices);
         Some(Patch {
             handle,
             diamond: node.diamond,
@@ -173,9 +183,9 @@ impl PatchMaker {
             origin: [column as f64, row as f64, f64::from(self.base)],
             legs,
             corners,
-            bounds: self.bounds(&shape, &corners),
+            bounds: self.bounds(range, &corners),
             error: node.bounds.error,
-            vertices: self.vertices(&shape, legs),
+            vertices: vertices.into(),
             indices,
         })
     }
@@ -185,15 +195,9 @@ impl PatchMaker {
         std::array::from_fn(|axis| origin[axis] + step[axis] * grid[axis])
     }
 
-    fn bounds(&self, shape: &Shape, corners: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
-        let order = self.grid.matrix_indices(shape.apex);
-        let heights = order
-            .iter()
-            .map(|&index| shape.content.vertices.values[usize::from(index)]);
-        let (low, high) = heights.fold((i32::MAX, i32::MIN), |(low, high), unit| {
-            (low.min(unit), high.max(unit))
-        });
-        let ends = [low, high].map(|unit| self.world([0.0, 0.0, f64::from(unit)])[2]);
+    /// The box of vertices whose units are in `range`.
+    fn bounds(&self, range: [i32; 2], corners: &[[f64; 3]; 3]) -> [[f64; 3]; 2] {
+        let ends = range.map(|unit| self.world([0.0, 0.0, f64::from(unit)])[2]);
         let fold = |axis: usize, pick: fn(f64, f64) -> f64| {
             pick(pick(corners[0][axis], corners[1][axis]), corners[2][axis])
         };
@@ -203,39 +207,32 @@ impl PatchMaker {
         ]
     }
 
-    fn vertices(&self, shape: &Shape, legs: [[f32; 2]; 2]) -> Box<[f32]> {
+    /// Writes the vertices, and gives the least and greatest of their units.
+    fn fill(&self, shape: &Shape, legs: [[f32; 2]; 2], target: &mut Vec<f32>) -> [i32; 2] {
         let order = self.grid.matrix_indices(shape.apex);
         let Content {
-            vertices: matrix,
-            slopes,
-            ..
+            vertices, slopes, ..
         } = shape.content;
-        let held = order.iter().map(|&index| {
-            let index = usize::from(index);
-            let height = i64::from(matrix.values[index]) - i64::from(self.base);
-            (height as f32, slopes[index])
-        });
-        let mut vertices = vec![0.0; order.len() * self.form.floats()].into_boxed_slice();
-        match self.form {
-            VertexForm::Compact => {
-                for (vertex, (height, [dx, dy])) in vertices.chunks_exact_mut(3).zip(held) {
-                    vertex.copy_from_slice(&[height, dx, dy]);
-                }
+        let mut range = [i32::MAX, i32::MIN];
+        for (order, positions) in order.chunks(LANES).zip(self.positions.chunks(LANES)) {
+            let mut lanes = Lanes::default();
+            for (lane, &index) in order.iter().enumerate() {
+                let unit = vertices.values[usize::from(index)];
+                range = [range[0].min(unit), range[1].max(unit)];
+                lanes.height[lane] = (i64::from(unit) - i64::from(self.base)) as f32;
+                [lanes.dx[lane], lanes.dy[lane]] = slopes[usize::from(index)];
             }
-            VertexForm::Expanded => {
-                let places = self
-                    .positions
-                    .iter()
-                    .map(|[p, q]| [0, 1].map(|axis| p * legs[0][axis] + q * legs[1][axis]));
-                let held = places.zip(held);
-                for (vertex, ([x, y], (height, [dx, dy]))) in vertices.chunks_exact_mut(6).zip(held)
-                {
-                    let up = 1.0 / (1.0 + dx * dx + dy * dy).sqrt();
-                    vertex.copy_from_slice(&[x, y, height, -dx * up, -dy * up, up]);
+            match self.form {
+                VertexForm::Compact => {
+                    target.extend_from_slice(&lanes.compact().as_flattened()[..3 * order.len()]);
+                }
+                VertexForm::Expanded => {
+                    let expanded = lanes.expanded(positions, legs);
+                    target.extend_from_slice(&expanded.as_flattened()[..6 * order.len()]);
                 }
             }
         }
-        vertices
+        range
     }
 
     /// The list of triangles drawn ([`Lattice::draws`]), or `None` where all are.
@@ -253,7 +250,7 @@ impl PatchMaker {
             self.lattice.in_raster(placement.vertex(i, j))
         });
         let is_valid = |&index: &u16| content.vertices.is_valid(usize::from(index));
-        if is_inside && order.iter().all(is_valid) {
+        if is_inside && (content.vertices.valid.is_none() || order.iter().all(is_valid)) {
             return None;
         }
         let places: Vec<[i64; 2]> = positions(cells)
@@ -276,6 +273,37 @@ impl PatchMaker {
             .copied()
             .collect();
         (drawn.len() < self.triangle_list.len()).then(|| drawn.into())
+    }
+}
+
+/// Vertices that are made at once.
+const LANES: usize = 32;
+
+/// Some vertices, number by number, so that normals are computed in vectors.
+#[derive(Default)]
+struct Lanes {
+    height: [f32; LANES],
+    dx: [f32; LANES],
+    dy: [f32; LANES],
+}
+
+impl Lanes {
+    fn compact(&self) -> [[f32; 3]; LANES] {
+        std::array::from_fn(|lane| [self.height[lane], self.dx[lane], self.dy[lane]])
+    }
+
+    fn expanded(&self, positions: &[[f32; 2]], legs: [[f32; 2]; 2]) -> [[f32; 6]; LANES] {
+        let up: [f32; LANES] = std::array::from_fn(|lane| {
+            let (dx, dy) = (self.dx[lane], self.dy[lane]);
+            1.0 / (1.0 + dx * dx + dy * dy).sqrt()
+        });
+        let mut vertices = [[0.0; 6]; LANES];
+        for (lane, (vertex, [p, q])) in vertices.iter_mut().zip(positions).enumerate() {
+            let [x, y] = [0, 1].map(|axis| p * legs[0][axis] + q * legs[1][axis]);
+            let (dx, dy, up) = (self.dx[lane], self.dy[lane], up[lane]);
+            *vertex = [x, y, self.height[lane], -dx * up, -dy * up, up];
+        }
+        vertices
     }
 }
 

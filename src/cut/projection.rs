@@ -1,6 +1,6 @@
 //! The frustum, and how large a height error can look on the screen.
 
-use super::View;
+use super::{Metric, View};
 use crate::{Error, Result};
 use glam::{DMat4, DVec4};
 
@@ -13,6 +13,9 @@ pub(super) struct Projection {
     /// Least w inside the frustum: nothing nearer is in front of the near plane.
     least_w: f64,
     guard: f64,
+    metric: Metric,
+    /// Cells along a diamond's side.
+    cells: f64,
 }
 
 /// How a prism looks.
@@ -20,13 +23,13 @@ pub(super) struct Projection {
 pub(super) struct Sight {
     /// It meets the frustum (or cannot be told to be outside).
     pub visible: bool,
-    /// Upper bound of the error on the screen in pixels; 0 outside the guard band.
+    /// The error on the screen in pixels by the metric; 0 outside the guard band.
     pub pixels: f64,
 }
 
 impl Projection {
-    /// `guard` (at least 1) is the size of the guard band in screens.
-    pub fn new(view: &View, guard: f64) -> Result<Projection> {
+    /// `guard` (at least 1) is the size of the guard band in screens, `cells` the cells along a diamond's side.
+    pub fn new(view: &View, guard: f64, metric: Metric, cells: usize) -> Result<Projection> {
         let numbers = [
             &view.eye[..],
             &view.world_to_clip,
@@ -63,17 +66,19 @@ impl Projection {
             half_viewport: view.viewport.map(|size| size / 2.0),
             least_w,
             guard,
+            metric,
+            cells: cells as f64,
         })
     }
 
-    /// How the prism over `corners` between the heights `z` looks, and what a vertical error of
-    /// `error` in it amounts to.
+    /// How the prism over `corners` between the heights `z` looks, and what its error comes to; `error` is the vertical
+    /// one, `None` where nothing is finer.
     ///
-    /// With clip coordinates x, y, w, moving a point by d along z moves it on the screen by
+    /// The geometric metric: with clip coordinates x, y, w, moving a point by d along z moves it on the screen by
     /// `d (m_xz - m_wz x/w) / w'` in x, w' being that of the moved point, and so in y. The bound takes
     /// the extremes of x/w over the part of the prism on the screen and the least w. It holds
     /// wherever one of the two points is on the screen and both are in front of the near plane.
-    pub fn see(&self, corners: &[[f64; 2]; 3], z: [f64; 2], error: f64) -> Sight {
+    pub fn see(&self, corners: &[[f64; 2]; 3], z: [f64; 2], error: Option<f64>) -> Sight {
         let hull = self.hull(corners, z);
         let visible = hull.meets(1.0);
         if !visible && !hull.meets(self.guard) {
@@ -83,10 +88,12 @@ impl Projection {
             };
         }
         let limit = if visible { 1.0 } else { self.guard };
-        Sight {
-            visible,
-            pixels: self.pixels(&hull, limit, error),
-        }
+        let pixels = match (error, self.metric) {
+            (None, _) => 0.0,
+            (Some(error), Metric::Geometric) => self.shift(&hull, limit, error),
+            (Some(_), Metric::Sampling) => self.spacing(&hull, limit),
+        };
+        Sight { visible, pixels }
     }
 
     fn hull(&self, corners: &[[f64; 2]; 3], z: [f64; 2]) -> Hull {
@@ -101,14 +108,22 @@ impl Projection {
         hull
     }
 
-    fn pixels(&self, hull: &Hull, limit: f64, error: f64) -> f64 {
+    /// Side of a square as large as the mean triangle of a half, in pixels, its box taken from edge to edge.
+    fn spacing(&self, hull: &Hull, limit: f64) -> f64 {
+        let in_front = hull.least_w() > 0.0;
+        let side = |axis: usize| {
+            let [low, high] = hull.extent(axis, in_front, limit);
+            (high - low) * self.half_viewport[axis]
+        };
+        (side(0) * side(1)).sqrt() / self.cells
+    }
+
+    /// How far a vertical error moves a point on the screen at most, in pixels.
+    fn shift(&self, hull: &Hull, limit: f64, error: f64) -> f64 {
         if error == 0.0 || error == f64::INFINITY {
             return error;
         }
-        let least = hull
-            .points
-            .iter()
-            .fold(f64::INFINITY, |least, point| least.min(point[2]));
+        let least = hull.least_w();
         let rise = &self.columns[2];
         let shift = |axis: usize| {
             let [low, high] = hull.extent(axis, least > 0.0, limit);
@@ -141,6 +156,11 @@ impl Hull {
             inside[4] |= -y <= reach;
         }
         inside == [true; 5]
+    }
+
+    fn least_w(&self) -> f64 {
+        let least = |least: f64, point: &[f64; 3]| least.min(point[2]);
+        self.points.iter().fold(f64::INFINITY, least)
     }
 
     /// Least and greatest x/w (or y/w) between -limit and limit.

@@ -13,6 +13,9 @@ use std::sync::Arc;
 /// rounding errors.
 const EDGE_TOLERANCE: f64 = 1e-6;
 
+/// Ranges that a handle remembers.
+const MOST_RANGES: usize = 1 << 16;
+
 /// A height of the finest surface that there is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Height {
@@ -31,6 +34,8 @@ pub struct Height {
 pub struct Query {
     terrain: Arc<Terrain>,
     cache: Cache,
+    /// Ranges of units of diamonds that rays came by, as they were decoded.
+    ranges: HashMap<Diamond, [i32; 2]>,
 }
 
 impl Query {
@@ -40,6 +45,7 @@ impl Query {
         Query {
             terrain,
             cache: Cache::new(byte_limit),
+            ranges: HashMap::new(),
         }
     }
 
@@ -212,7 +218,7 @@ impl Query {
     }
 
     /// A diamond's matrices, from the cache or by decoding what they need.
-    fn refined(&mut self, diamond: Diamond) -> Result<Arc<Matrices>> {
+    pub(super) fn refined(&mut self, diamond: Diamond) -> Result<Arc<Matrices>> {
         if let Some(found) = self.cache.get(diamond) {
             return Ok(found);
         }
@@ -235,6 +241,42 @@ impl Query {
         self.cache.put(diamond, refined.clone());
         Ok(refined)
     }
+
+    /// Keeps the byte limit.
+    pub(super) fn trim(&mut self) {
+        self.cache.trim();
+    }
+
+    /// Range of units of all that is drawn for a diamond.
+    pub(super) fn range(&mut self, diamond: Diamond) -> Result<[i32; 2]> {
+        if let Some(&found) = self.ranges.get(&diamond) {
+            return Ok(found);
+        }
+        let terrain = self.terrain.clone();
+        let lattice = terrain.lattice();
+        let parents = lattice.parents(diamond);
+        let range = if diamond == lattice.root() && lattice.levels() == 0 {
+            terrain.range()
+        } else if diamond.level() == lattice.levels() {
+            let mut hull = [i32::MAX, i32::MIN];
+            for parent in parents.into_iter().flatten() {
+                let [low, high] = self.range(parent)?;
+                hull = [hull[0].min(low), hull[1].max(high)];
+            }
+            hull
+        } else {
+            let above = match parents.into_iter().flatten().next() {
+                Some(parent) => self.range(parent)?,
+                None => terrain.range(),
+            };
+            terrain.summary(diamond, above)?.range
+        };
+        if self.ranges.len() >= MOST_RANGES {
+            self.ranges.clear();
+        }
+        self.ranges.insert(diamond, range);
+        Ok(range)
+    }
 }
 
 /// The existing child over the quarter of a diamond that has these matrix indices.
@@ -251,9 +293,9 @@ fn child_around(lattice: &Lattice, diamond: Diamond, [i, j]: [f64; 2]) -> Option
 }
 
 /// A diamond's heights on the next level.
-struct Matrices {
-    vertices: Matrix,
-    centres: Matrix,
+pub(super) struct Matrices {
+    pub vertices: Matrix,
+    pub centres: Matrix,
 }
 
 impl Matrices {

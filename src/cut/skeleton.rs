@@ -117,7 +117,7 @@ impl Skeleton {
     pub fn is_refinable(&self, node: &Node) -> bool {
         !node.refined
             && !node.is_missing
-            && node.level < self.lattice().levels()
+            && !node.is_leaf
             && (self.failed.is_empty() || !self.failed.contains(&node.diamond))
     }
 
@@ -130,6 +130,9 @@ impl Skeleton {
     pub fn look(&mut self, projection: &Projection) {
         self.visible_patches = 0;
         for node in self.nodes.iter_mut().flatten() {
+            if !node.is_on_the_cut() {
+                continue;
+            }
             node.look(projection);
             self.visible_patches += node.visible_patches();
         }
@@ -262,7 +265,7 @@ impl Skeleton {
             node.refined = true;
             node.refined_at = update;
         });
-        self.count_refined_child(node.diamond, 1);
+        self.count_refined_child(node.diamond, 1, projection);
         Ok(())
     }
 
@@ -313,15 +316,18 @@ impl Skeleton {
             debug_assert!(node.refined && node.refined_children == 0);
             node.refined = false;
         });
-        self.count_refined_child(diamond, -1);
+        self.count_refined_child(diamond, -1, projection);
     }
 
-    fn count_refined_child(&mut self, child: Diamond, change: i8) {
+    fn count_refined_child(&mut self, child: Diamond, change: i8, projection: &Projection) {
         for parent in self.lattice().parents(child).into_iter().flatten() {
             if let Some(place) = self.place(parent)
                 && let Some(node) = self.nodes[place].as_mut()
             {
                 node.refined_children = node.refined_children.wrapping_add_signed(change);
+                if change < 0 && node.is_on_the_cut() {
+                    node.look(projection);
+                }
             }
         }
     }

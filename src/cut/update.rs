@@ -7,7 +7,7 @@ use super::patch::{GridToWorld, Patch, VertexForm};
 use super::projection::Projection;
 use super::queues::{Entry, Queues};
 use super::skeleton::{Cost, Shortage, Skeleton};
-use super::{DiamondSource, View};
+use super::{DiamondSource, Metric, View};
 use crate::Result;
 use crate::lattice::Diamond;
 use crate::log::{LogLevel, log};
@@ -24,11 +24,21 @@ const GUARD_BAND: f64 = 1.25;
 /// Updates for which a refinement out of sight may still be waiting for others that it was made for.
 const PATIENCE: u64 = 32;
 
+/// Before there was any.
+const NO_VIEW: View = View {
+    eye: [0.0; 3],
+    world_to_clip: [0.0; 16],
+    viewport: [0.0; 2],
+    tolerance: 0.0,
+};
+
 /// Choices that hold for the life of a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CutOptions {
     /// What the vertices of its patches hold.
     pub vertex_form: VertexForm,
+    /// What tolerances are about.
+    pub metric: Metric,
 }
 
 /// What one update did, and what it left.
@@ -49,7 +59,7 @@ pub struct Stats {
     /// Bytes set aside for heights, slopes and patches: enough for the masks and the lists of triangles of all that
     /// may have voids or lie at the border.
     pub bytes: u64,
-    /// Largest projected error of the patches to draw, in pixels; may be infinite. Above the tolerance where
+    /// Largest projected error of the patches to draw, in pixels by the metric; may be infinite. Above the tolerance where
     /// nothing was cut short: detail is missing, or could not be read.
     pub largest_error: f64,
     /// Time for judging the present cut and listing what is drawn, whatever else is done.
@@ -68,6 +78,7 @@ pub struct Stats {
 /// time.
 pub struct Cut {
     graph: Graph,
+    metric: Metric,
     triangle_strip: Box<[u16]>,
     /// Halves drawn of the root alone, and its bytes.
     root: [u64; 2],
@@ -78,8 +89,10 @@ pub struct Cut {
     visible: Vec<Arc<Patch>>,
     /// The last update could have used bytes that the guard band holds.
     short_of_bytes: bool,
-    /// With this view and budget there is no way out of an impasse, unless the cut has changed since.
-    no_way_out: Option<(View, Budget)>,
+    /// The view and budget with which a way out of an impasse was looked for last.
+    impasse: (View, Budget),
+    /// There was none, and the cut has not changed since.
+    no_way_out: bool,
     updates: u64,
 }
 
@@ -118,12 +131,14 @@ impl Cut {
             triangle_strip: graph.maker().grid().triangle_strip().into(),
             root: [drawn, skeleton.bytes()],
             graph,
+            metric: options.metric,
             queues: Queues::default(),
             chain: Vec::new(),
             order: Vec::new(),
             visible: Vec::new(),
             short_of_bytes: false,
-            no_way_out: None,
+            impasse: (NO_VIEW, Budget::UNLIMITED),
+            no_way_out: false,
             updates: 0,
         })
     }
@@ -141,9 +156,10 @@ impl Cut {
     pub fn update(&mut self, view: &View, budget: &Budget) -> Result<Stats> {
         let began = Instant::now();
         let guard = if self.short_of_bytes { 1.0 } else { GUARD_BAND };
+        let cells = self.skeleton().source().lattice().cells();
         let mut pass = Pass {
             view,
-            projection: Projection::new(view, guard)?,
+            projection: Projection::new(view, guard, self.metric, cells)?,
             tolerance: view.tolerance,
             budget,
             deadline: Deadline::after(began, budget.microseconds),
@@ -171,6 +187,7 @@ impl Cut {
         let listing = Instant::now();
         let mut stats = pass.stats;
         self.list(view.eye, &mut stats);
+        self.graph.sweep(budget.bytes);
         let changes = self.graph.changes().close_update();
         (stats.added, stats.removed) = (changes.added, changes.removed);
         let skeleton = self.graph.skeleton();
@@ -312,7 +329,10 @@ impl Cut {
     fn start_again(&mut self, pass: &mut Pass) -> bool {
         let change = pass.stats.refined + pass.stats.coarsened;
         let still = (*pass.view, *pass.budget);
-        if change > 0 || pass.deadline.is_past(Instant::now()) || self.no_way_out == Some(still) {
+        if change > 0
+            || pass.deadline.is_past(Instant::now())
+            || (self.no_way_out && self.impasse == still)
+        {
             return false;
         }
         let Some(error) = self.next_refinement(pass).map(|next| next.key) else {
@@ -326,7 +346,7 @@ impl Cut {
             goal: (error / EXCHANGE).min(f64::MAX).max(pass.tolerance),
         };
         let way_out = impasse.way_out();
-        self.no_way_out = Some(still);
+        (self.impasse, self.no_way_out) = (still, true);
         for diamond in way_out.into_iter().flatten() {
             let Some(place) = self.skeleton().place(diamond) else {
                 continue;
@@ -368,7 +388,7 @@ impl Cut {
     }
 
     fn push_family(&mut self, diamond: Diamond, pass: &Pass) {
-        self.no_way_out = None;
+        self.no_way_out = false;
         self.queues
             .push_family(self.graph.skeleton(), diamond, pass.tolerance);
     }
@@ -454,9 +474,16 @@ impl Cut {
         self.order
             .sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         stats.patches = self.order.len() as u64;
-        self.visible.clear();
-        for &(_, _, place, half) in &self.order {
-            self.visible.extend(self.graph.patch(place, half).cloned());
+        self.visible.truncate(self.order.len());
+        for (index, &(_, handle, place, half)) in self.order.iter().enumerate() {
+            let Some(patch) = self.graph.patch(place, half) else {
+                continue;
+            };
+            match self.visible.get_mut(index) {
+                Some(old) if old.handle == handle => {}
+                Some(old) => *old = patch.clone(),
+                None => self.visible.push(patch.clone()),
+            }
         }
     }
 }

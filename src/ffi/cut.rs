@@ -9,7 +9,7 @@ use super::patch::kmb_patch;
 use super::query::KMB_UNLIMITED;
 use super::repository::kmb_repository;
 use super::status::kmb_status;
-use crate::cut::{Changes, Cut, CutOptions, Stats, VertexForm, View};
+use crate::cut::{Changes, Cut, CutOptions, Metric, Stats, VertexForm, View};
 use crate::schedule::Budget;
 
 /// What a vertex of a patch holds. All are floats without padding between them.
@@ -24,6 +24,18 @@ pub enum kmb_vertex_form {
     KMB_VERTEX_EXPANDED = 1,
 }
 
+/// What a cut's tolerance is about.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum kmb_metric {
+    /// How far a point of the finest surface may be, on the screen, from the drawn point at the same place. No more
+    /// than the scene needs: flat land stays coarse.
+    KMB_METRIC_GEOMETRIC = 0,
+    /// How large the drawn triangles may be: the side of a square as large as the mean triangle of a half. It bounds no
+    /// error.
+    KMB_METRIC_SAMPLING = 1,
+}
+
 /// How to make a cut.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +44,8 @@ pub struct kmb_cut_options {
     pub struct_size: u32,
     /// A kmb_vertex_form.
     pub vertex_form: u32,
+    /// A kmb_metric.
+    pub metric: u32,
 }
 
 /// A camera, in world coordinates.
@@ -48,7 +62,7 @@ pub struct kmb_view {
     pub world_to_clip: [f64; 16],
     /// Width and height of the picture in pixels.
     pub viewport: [f64; 2],
-    /// Largest error on the screen, in pixels, that need not be refined; above 0.
+    /// Largest error on the screen, in pixels by the cut's metric, that need not be refined; above 0.
     pub tolerance: f64,
 }
 
@@ -162,8 +176,8 @@ impl Handle for kmb_cut {
 }
 
 /// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches
-/// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED. The repository may
-/// be closed before the cut is destroyed.
+/// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED, KMB_METRIC_GEOMETRIC.
+/// The repository may be closed before the cut is destroyed.
 ///
 /// May be called with the same repository from several threads at once.
 ///
@@ -177,13 +191,17 @@ pub unsafe extern "C" fn kmb_cut_create(
     boundary!(shared repository: kmb_repository, {
         // SAFETY: the caller passes pointers as the header asks.
         let out = unsafe { output(cut, "cut") }?;
-        let mut vertex_form = VertexForm::Expanded;
+        let mut chosen = CutOptions {
+            vertex_form: VertexForm::Expanded,
+            metric: Metric::Geometric,
+        };
         if !options.is_null() {
             // SAFETY: as above.
-            vertex_form = chosen_form(unsafe { input_struct(options) }?.vertex_form)?;
+            let options = unsafe { input_struct(options) }?;
+            chosen.vertex_form = chosen_form(options.vertex_form)?;
+            chosen.metric = chosen_metric(options.metric)?;
         }
-        let terrain = repository.terrain()?;
-        let cut = Cut::new(terrain, CutOptions { vertex_form })?;
+        let cut = Cut::new(repository.terrain()?, chosen)?;
         let mut made = kmb_cut {
             broken: AtomicBool::new(false),
             cut,
@@ -204,6 +222,14 @@ fn chosen_form(number: u32) -> Result<VertexForm, Failure> {
         _ => Err(Failure::argument(format!(
             "vertex form {number} is unknown"
         ))),
+    }
+}
+
+fn chosen_metric(number: u32) -> Result<Metric, Failure> {
+    match number {
+        number if number == kmb_metric::KMB_METRIC_GEOMETRIC as u32 => Ok(Metric::Geometric),
+        number if number == kmb_metric::KMB_METRIC_SAMPLING as u32 => Ok(Metric::Sampling),
+        _ => Err(Failure::argument(format!("metric {number} is unknown"))),
     }
 }
 

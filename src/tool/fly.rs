@@ -3,7 +3,7 @@
 use super::bands::Bands;
 use super::cracks::count_cracks;
 use super::{Progress, flight, quantile};
-use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, VertexForm, Window};
+use crate::cut::{Cut, CutOptions, DiamondSource, Metric, Stats, Terrain, VertexForm, Window};
 use crate::schedule::Budget;
 use crate::{Error, Result};
 use std::sync::Arc;
@@ -18,6 +18,8 @@ pub struct Flight {
     pub viewport: [u32; 2],
     /// Largest error on screen that need not be refined, in pixels.
     pub tolerance: f64,
+    /// What the tolerance is about.
+    pub metric: Metric,
     /// Time for refinement in a frame; `None` sets no limit.
     pub budget_microseconds: Option<u64>,
 }
@@ -62,6 +64,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         terrain.clone(),
         CutOptions {
             vertex_form: VertexForm::Expanded,
+            metric: flight.metric,
         },
     )?;
     let budget = Budget {

@@ -1,7 +1,7 @@
 //! The best that fits: after enough still frames a cut is as good as one made afresh, whatever it held before.
 
 use crate::scenes::*;
-use kimberlite::cut::Cut;
+use kimberlite::cut::{Cut, CutOptions};
 use kimberlite::schedule::Budget;
 use proptest::prelude::*;
 use std::sync::Arc;
@@ -9,17 +9,10 @@ use std::sync::Arc;
 /// What the largest error may exceed that of a fresh cut by.
 const FACTOR: f64 = 1.05;
 
-/// Random cases; KIMBERLITE_CASES asks for another number.
-fn config(cases: u32) -> ProptestConfig {
-    let asked = std::env::var("KIMBERLITE_CASES").ok();
-    let asked = asked.and_then(|asked| asked.parse().ok());
-    ProptestConfig::with_cases(asked.unwrap_or(cases))
-}
-
 /// Largest errors at the last of some stands of a cut that has settled at each, and of a fresh cut.
-fn errors(scene: &Scene, stands: &[Stand], budget: &Budget) -> [f64; 2] {
+fn errors(scene: &Scene, options: CutOptions, stands: &[Stand], budget: &Budget) -> [f64; 2] {
     let source = Arc::new(scene.source());
-    let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+    let mut cut = Cut::new(source.clone(), options).unwrap();
     let mut here = view(&source, stands[0]);
     let mut old = 0.0;
     for &stand in stands {
@@ -27,15 +20,20 @@ fn errors(scene: &Scene, stands: &[Stand], budget: &Budget) -> [f64; 2] {
         old = settle(&mut cut, &here, budget).largest_error;
     }
     let fresh = settle(
-        &mut Cut::new(source.clone(), COMPACT).unwrap(),
+        &mut Cut::new(source.clone(), options).unwrap(),
         &here,
         budget,
     );
     [old, fresh.largest_error]
 }
 
-fn check(scene: &Scene, stands: &[Stand], budget: &Budget) -> Result<(), TestCaseError> {
-    let [old, fresh] = errors(scene, stands, budget);
+fn check(
+    scene: &Scene,
+    options: CutOptions,
+    stands: &[Stand],
+    budget: &Budget,
+) -> Result<(), TestCaseError> {
+    let [old, fresh] = errors(scene, options, stands, budget);
     let tolerated = fresh.max(stands[stands.len() - 1].tolerance);
     prop_assert!(old <= FACTOR * tolerated, "{old} of a fresh cut's {fresh}");
     Ok(())
@@ -46,31 +44,31 @@ proptest! {
 
     #[test]
     fn a_settled_cut_is_as_good_as_a_fresh_one_of_so_many_patches(
-        scene in scenes(),
+        (scene, options) in (scenes(), by_any_metric()),
         stands in prop::collection::vec(stands(), 2..4),
         patches in 4u64..150,
     ) {
-        check(&scene, &stands, &Budget { patches, ..Budget::UNLIMITED })?;
+        check(&scene, options, &stands, &Budget { patches, ..Budget::UNLIMITED })?;
     }
 
     #[test]
     fn a_settled_cut_is_as_good_as_a_fresh_one_of_so_many_bytes(
-        scene in scenes(),
+        (scene, options) in (scenes(), by_any_metric()),
         stands in prop::collection::vec(stands(), 2..4),
         nodes in 4u64..200,
     ) {
         let side = (1u64 << scene.cells_log2) + 1;
-        check(&scene, &stands, &Budget { bytes: nodes * side * side * 24, ..Budget::UNLIMITED })?;
+        check(&scene, options, &stands, &Budget { bytes: nodes * side * side * 24, ..Budget::UNLIMITED })?;
     }
 
     #[test]
     fn a_settled_cut_is_as_good_as_a_fresh_one_within_any_budget(
-        scene in scenes(),
+        (scene, options) in (scenes(), by_any_metric()),
         stands in prop::collection::vec(stands(), 2..4),
         (mut budget, refinements) in (budgets(), 1u64..50),
     ) {
         budget.refinements = refinements;
-        check(&scene, &stands, &budget)?;
+        check(&scene, options, &stands, &budget)?;
     }
 }
 
@@ -99,5 +97,5 @@ fn what_is_just_out_of_sight_does_not_keep_room_from_what_is_seen() {
         patches: 122,
         ..Budget::UNLIMITED
     };
-    check(&scene, &[first, second], &budget).unwrap();
+    check(&scene, COMPACT, &[first, second], &budget).unwrap();
 }

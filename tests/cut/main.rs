@@ -2,8 +2,12 @@
 
 mod best;
 mod cases;
+mod conformity;
+mod flights;
+mod metrics;
 mod missing;
 mod properties;
+mod rays;
 mod repositories;
 mod scenes;
 #[path = "../support/mod.rs"]

@@ -53,13 +53,13 @@ proptest! {
 
     #[test]
     fn a_still_view_settles_and_then_nothing_changes(
-        scene in scenes(),
+        (scene, options) in (scenes(), by_any_metric()),
         (first, second) in (stands(), stands()),
         (mut budget, refinements) in (budgets(), 1u64..50),
     ) {
         budget.refinements = refinements;
         let source = Arc::new(scene.source());
-        let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+        let mut cut = Cut::new(source.clone(), options).unwrap();
         for stand in [first, second] {
             let view = view(&source, stand);
             let settled = settle(&mut cut, &view, &budget);
@@ -73,13 +73,13 @@ proptest! {
 
     #[test]
     fn a_trembling_eye_does_not_make_the_cut_oscillate(
-        scene in scenes(),
+        (scene, options) in (scenes(), by_any_metric()),
         stand in stands(),
         patches in prop_oneof![Just(Budget::NO_LIMIT), 4u64..120],
     ) {
         let budget = Budget { patches, ..Budget::UNLIMITED };
         let source = Arc::new(scene.source());
-        let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+        let mut cut = Cut::new(source.clone(), options).unwrap();
         let trembling = |frame: usize| {
             let mut moved = stand;
             moved.above *= 1.0 + 0.0005 * [0.0, 1.0, -1.0, 0.5][frame % 4];

@@ -16,7 +16,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// The repository of a source's raster, in the same world.
-fn repository(source: &MemorySource, options: &BuildOptions) -> Arc<Terrain> {
+pub fn repository(source: &MemorySource, options: &BuildOptions) -> Arc<Terrain> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.kmb");
     build_at(&path, source, options);

@@ -2,17 +2,32 @@
 
 use crate::support::camera::looking;
 use crate::support::memory::{MemorySource, Raster};
-use kimberlite::cut::{Cut, CutOptions, DiamondSource, Stats, VertexForm, View};
+use kimberlite::cut::{Cut, CutOptions, DiamondSource, Metric, Stats, VertexForm, View};
 use kimberlite::schedule::Budget;
 use kimberlite::tool::count_cracks;
 use proptest::prelude::*;
 
 pub const COMPACT: CutOptions = CutOptions {
     vertex_form: VertexForm::Compact,
+    metric: Metric::Geometric,
 };
 pub const EXPANDED: CutOptions = CutOptions {
     vertex_form: VertexForm::Expanded,
+    metric: Metric::Geometric,
 };
+
+/// Random cases; KIMBERLITE_CASES asks for another number.
+pub fn config(cases: u32) -> ProptestConfig {
+    let asked = std::env::var("KIMBERLITE_CASES").ok();
+    let asked = asked.and_then(|asked| asked.parse().ok());
+    ProptestConfig::with_cases(asked.unwrap_or(cases))
+}
+
+/// Of errors on the screen or of the size of triangles.
+pub fn by_any_metric() -> impl Strategy<Value = CutOptions> {
+    let metrics = prop_oneof![Just(Metric::Geometric), Just(Metric::Sampling)];
+    metrics.prop_map(|metric| CutOptions { metric, ..COMPACT })
+}
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Voids {

@@ -53,6 +53,8 @@ pub struct MemorySource {
     /// By diamond; without it every error is `constant_error` and every range the whole.
     summaries: Option<HashMap<Diamond, Summary>>,
     constant_error: f64,
+    /// Errors are random instead, by this seed.
+    pub random_errors: Option<u64>,
     /// Diamonds whose centres cannot be had.
     pub broken: HashSet<Diamond>,
     /// Diamonds that say that their centres are missing.
@@ -84,6 +86,7 @@ impl MemorySource {
             raster,
             summaries: None,
             constant_error: error,
+            random_errors: None,
             broken: HashSet::new(),
             missing: HashSet::new(),
             delay: Duration::ZERO,
@@ -153,7 +156,10 @@ impl DiamondSource for MemorySource {
                 ..summaries[&diamond]
             },
             None => Summary {
-                error: self.constant_error,
+                error: match self.random_errors {
+                    Some(seed) => random_error(diamond, seed),
+                    None => self.constant_error,
+                },
                 range: parent_range,
                 is_missing: self.missing.contains(&diamond),
             },
@@ -171,6 +177,15 @@ impl DiamondSource for MemorySource {
             centres: self.centres_of(diamond, vertices),
         })
     }
+}
+
+/// Uniform in its logarithm, over four orders of magnitude.
+fn random_error(diamond: Diamond, seed: u64) -> f64 {
+    let mut hash = (diamond.x as u64) << 32 ^ diamond.y as u64 ^ seed;
+    for _ in 0..3 {
+        hash = (hash ^ (hash >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    }
+    10f64.powf((hash >> 32) as f64 / 2f64.powi(30))
 }
 
 fn root_of(lattice: &Lattice, raster: &Raster) -> Matrix {

@@ -340,6 +340,7 @@ fn check_report(case: &Case, raster: &Raster) -> Result<(), TestCaseError> {
         frames: 4,
         viewport: [640, 480],
         tolerance: 0.5,
+        metric: kimberlite::cut::Metric::Geometric,
         budget_microseconds: None,
     };
     prop_assert_eq!(

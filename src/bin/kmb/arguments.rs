@@ -270,9 +270,20 @@ pub struct Fly {
         allow_negative_numbers = true
     )]
     pub tolerance: f64,
+    /// What the tolerance is about
+    #[arg(long, value_enum, default_value_t = Metric::Geometric)]
+    pub metric: Metric,
     /// Time for refinement in a frame, in microseconds; unlimited by default
     #[arg(long, value_name = "N")]
     pub budget_us: Option<u64>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Metric {
+    /// How far the ground may be from where the finest surface has it
+    Geometric,
+    /// How large triangles may be
+    Sampling,
 }
 
 fn error_limit(text: &str) -> Result<f64, String> {

@@ -6,7 +6,7 @@ use crate::report::Report;
 use kimberlite::build::source::{RasterSource, Resampled, open_all, texels_per_sample};
 use kimberlite::build::{self, BuildOptions};
 use kimberlite::codec::Model;
-use kimberlite::cut::{Layer, Query, Terrain};
+use kimberlite::cut::{Layer, Metric, Query, Terrain};
 use kimberlite::geo::Registration;
 use kimberlite::store::{Access, DomainKind, EntropyKind, Kind, TransformKind};
 use kimberlite::tool::{self, Extract, Flight, Placed, Update, Verdict, peak_memory_bytes};
@@ -420,6 +420,10 @@ fn fly(arguments: &arguments::Fly) -> Result<Report> {
         frames: arguments.frames,
         viewport: arguments.size,
         tolerance: arguments.tolerance,
+        metric: match arguments.metric {
+            arguments::Metric::Geometric => Metric::Geometric,
+            arguments::Metric::Sampling => Metric::Sampling,
+        },
         budget_microseconds: arguments.budget_us,
     };
     let terrain = open_heights(&arguments.file)?;

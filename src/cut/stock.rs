@@ -1,0 +1,72 @@
+//! Storage that diamonds and patches have left, for those that come.
+
+use super::graph::Content;
+use super::patch::Patch;
+use crate::lattice::Lattice;
+use std::sync::Arc;
+
+/// Most pieces kept of a kind. A still flight exchanges fewer in a frame.
+const MOST: usize = 256;
+
+/// Its bytes come under the cut's budget, beside what is held.
+#[derive(Default)]
+pub(super) struct Stock {
+    contents: Vec<Content>,
+    vertices: Vec<Box<[f32]>>,
+    /// Patches no longer drawn. Others may still hold them.
+    retired: Vec<Arc<Patch>>,
+}
+
+impl Stock {
+    /// Storage for a diamond none of whose halves has arrived.
+    pub fn take_content(&mut self, lattice: &Lattice) -> Content {
+        let stored = self.contents.pop();
+        stored.unwrap_or_else(|| Content::new(lattice))
+    }
+
+    /// Storage, empty, for so many floats.
+    pub fn take_vertices(&mut self, floats: usize) -> Vec<f32> {
+        let Some(stored) = self.vertices.pop() else {
+            return Vec::with_capacity(floats);
+        };
+        let mut vertices = stored.into_vec();
+        vertices.clear();
+        vertices
+    }
+
+    pub fn give_content(&mut self, mut content: Content) {
+        if self.contents.len() < MOST {
+            content.vertices.valid = None;
+            self.contents.push(content);
+        }
+    }
+
+    pub fn retire(&mut self, patch: Arc<Patch>) {
+        self.retired.push(patch);
+    }
+
+    /// Takes over the storage of retired patches that nobody holds any more, and forgets the others; keeps no more than
+    /// so many bytes.
+    pub fn sweep(&mut self, most_bytes: u64) {
+        for patch in self.retired.drain(..).filter_map(Arc::into_inner) {
+            if self.vertices.len() < MOST {
+                self.vertices.push(patch.vertices);
+            }
+        }
+        let mut bytes = self.bytes();
+        while bytes > most_bytes {
+            if self.vertices.pop().is_none() && self.contents.pop().is_none() {
+                return;
+            }
+            bytes = self.bytes();
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        let patch = self.vertices.first().map_or(0, |all| size_of_val(&**all));
+        let content = self.contents.first().map_or(0, |content| {
+            size_of_val(&*content.vertices.values) + size_of_val(&*content.slopes)
+        });
+        (patch * self.vertices.len() + content * self.contents.len()) as u64
+    }
+}
