@@ -40,8 +40,12 @@ fn structs_lie_as_c_programs_were_compiled() {
     );
     layout!(
         kmb_update_options, 40, struct_size 0, column 4, row 8, width 12, height 16, rows_are_whole 20,
-            memory 24, threads 28, rms_error 32;
-        kmb_update_report, 32, struct_size 0, reserved 4, diamonds_recomputed 8, diamonds 16, bytes 24;
+        memory 24, threads 28, rms_error 32
+    );
+    layout!(
+        kmb_update_report, 32, struct_size 0, reserved 4, diamonds_recomputed 8, diamonds 16, bytes 24
+    );
+    layout!(
         kmb_repair_report, 64, struct_size 0, coarsest_level 4, damaged_blocks 8, lost_blocks 16,
         missing_blocks 24, blocked_blocks 32, coarse_samples 40, coarse_percent 48, bytes 56
     );

@@ -68,7 +68,7 @@ impl Replacement {
     ) -> Result<Replacement> {
         let sample_type = header.raster.sample_type;
         let is_other =
-            |number: &f64| !number.is_nan() && !(number.is_finite() && sample_type.holds(*number));
+            |number: &f64| !(number.is_nan() || number.is_finite() && sample_type.holds(*number));
         if let Some(place) = samples.iter().position(is_other) {
             return Err(Error::Argument(format!(
                 "the sample at column {}, row {} is {}, which is no {} height",
