@@ -59,6 +59,7 @@ fn new_cut(terrain: &Arc<Terrain>, vertex_form: VertexForm) -> Cut {
     let options = CutOptions {
         vertex_form,
         metric: Metric::Geometric,
+        threads: 0,
     };
     Cut::new(terrain.clone(), options).unwrap()
 }

@@ -92,10 +92,11 @@ static void structs(void)
     AT(kmb_patch_info, vertex_floats, 216);
     AT(kmb_patch_info, indices, 224);
     AT(kmb_patch_info, index_count, 232);
-    SIZE(kmb_cut_options, 12);
+    SIZE(kmb_cut_options, 16);
     AT(kmb_cut_options, struct_size, 0);
     AT(kmb_cut_options, vertex_form, 4);
     AT(kmb_cut_options, metric, 8);
+    AT(kmb_cut_options, threads, 12);
     SIZE(kmb_view, 184);
     AT(kmb_view, struct_size, 0);
     AT(kmb_view, reserved, 4);
@@ -111,7 +112,7 @@ static void structs(void)
     AT(kmb_budget, bytes, 24);
     AT(kmb_budget, upload_bytes, 32);
     AT(kmb_budget, patches, 40);
-    SIZE(kmb_stats, 96);
+    SIZE(kmb_stats, 104);
     AT(kmb_stats, struct_size, 0);
     AT(kmb_stats, cut_short, 4);
     AT(kmb_stats, refined, 8);
@@ -125,6 +126,7 @@ static void structs(void)
     AT(kmb_stats, largest_error, 72);
     AT(kmb_stats, fixed_microseconds, 80);
     AT(kmb_stats, microseconds, 88);
+    AT(kmb_stats, awaited, 96);
     SIZE(kmb_grid_to_world, 56);
     AT(kmb_grid_to_world, struct_size, 0);
     AT(kmb_grid_to_world, reserved, 4);

@@ -524,6 +524,8 @@ typedef struct kmb_cut_options {
     uint32_t vertex_form;
     // A kmb_metric.
     uint32_t metric;
+    // Threads that decode for the cut, at most 64. With 0, updates decode for themselves, within their budgets.
+    uint32_t threads;
 } kmb_cut_options;
 
 // A camera, in world coordinates.
@@ -553,7 +555,7 @@ typedef struct kmb_budget {
     // Refinements in this update; 0 leaves the cut as it is.
     uint64_t refinements;
     // Bytes of decoded data that the cut holds, with all masks and lists of triangles that voids and borders may
-    // need.
+    // need, and up to an eighth of it for what its threads decode.
     uint64_t bytes;
     // Bytes of vertices handed out anew in this update.
     uint64_t upload_bytes;
@@ -565,7 +567,7 @@ typedef struct kmb_budget {
 typedef struct kmb_stats {
     // sizeof(kmb_stats).
     uint32_t struct_size;
-    // 1 where a budget ended refinement while an error was above the tolerance, else 0.
+    // 1 where a budget ended refinement while an error was above the tolerance, or details have yet to come; else 0.
     uint32_t cut_short;
     // Diamonds refined.
     uint64_t refined;
@@ -590,6 +592,8 @@ typedef struct kmb_stats {
     double fixed_microseconds;
     // Time of the whole update, in microseconds.
     double microseconds;
+    // Diamonds whose details the cut's threads were asked for and have not given; updates go on without.
+    uint64_t awaited;
 } kmb_stats;
 
 // From grid coordinates (column, row, height unit) to the world, axis by axis: world[i] =
@@ -606,7 +610,8 @@ typedef struct kmb_grid_to_world {
 } kmb_grid_to_world;
 
 // Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches
-// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED, KMB_METRIC_GEOMETRIC.
+// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED, KMB_METRIC_GEOMETRIC,
+// no threads.
 // The repository may be closed before the cut is destroyed.
 //
 // May be called with the same repository from several threads at once.

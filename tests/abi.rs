@@ -55,7 +55,7 @@ fn structs_lie_as_c_programs_were_compiled() {
         reserved 36, origin 40, legs 64, corners 80, bounds 152, error 200, vertices 208,
         vertex_floats 216, indices 224, index_count 232
     );
-    layout!(kmb_cut_options, 12, struct_size 0, vertex_form 4, metric 8);
+    layout!(kmb_cut_options, 16, struct_size 0, vertex_form 4, metric 8, threads 12);
     layout!(
         kmb_view, 184, struct_size 0, reserved 4, eye 8, world_to_clip 32, viewport 160, tolerance
         176
@@ -65,9 +65,9 @@ fn structs_lie_as_c_programs_were_compiled() {
         upload_bytes 32, patches 40
     );
     layout!(
-        kmb_stats, 96, struct_size 0, cut_short 4, refined 8, coarsened 16, patches 24, triangles
+        kmb_stats, 104, struct_size 0, cut_short 4, refined 8, coarsened 16, patches 24, triangles
         32, added 40, removed 48, bytes 56, late_refinements 64, largest_error 72,
-        fixed_microseconds 80, microseconds 88
+        fixed_microseconds 80, microseconds 88, awaited 96
     );
     layout!(kmb_grid_to_world, 56, struct_size 0, reserved 4, origin 8, step 32);
     layout!(

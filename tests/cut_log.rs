@@ -5,11 +5,18 @@ mod support;
 use kimberlite::cut::{Cut, CutOptions, DiamondSource, Metric, VertexForm};
 use kimberlite::schedule::Budget;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 use support::camera::looking;
 use support::memory::{MemorySource, Raster};
 
 #[test]
 fn a_broken_diamond_is_reported_once() {
+    for threads in [0, 2] {
+        report(threads);
+    }
+}
+
+fn report(threads: usize) {
     let raster = Raster::new(65, 65, |column, row| Some((column * row % 97) as i32));
     let mut source = MemorySource::rough(raster, 3, 1e9);
     let broken = source.lattice().diamonds(2)[1];
@@ -25,6 +32,7 @@ fn a_broken_diamond_is_reported_once() {
         CutOptions {
             vertex_form: VertexForm::Compact,
             metric: Metric::Geometric,
+            threads,
         },
     )
     .unwrap();
@@ -33,8 +41,11 @@ fn a_broken_diamond_is_reported_once() {
         // To and fro, so that the diamond is dropped and comes again.
         let target = [x, y, if turn % 2 == 0 { 0.0 } else { 20_000.0 }];
         let view = looking([x, y, 10_000.0], target, 1.0, 1.0);
-        for _ in 0..3 {
+        for _ in 0..20 {
             cut.update(&view, &Budget::UNLIMITED).unwrap();
+            if threads > 0 {
+                std::thread::sleep(Duration::from_millis(1));
+            }
         }
     }
     kimberlite::set_log_callback(None);

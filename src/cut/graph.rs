@@ -9,6 +9,7 @@ use super::projection::Projection;
 use super::skeleton::{Sizes, Skeleton};
 use super::slopes::{Diagonals, Heights, Slope, root_slopes};
 use super::stock::Stock;
+use super::supply::Supply;
 use crate::Result;
 use crate::codec::{Matrix, Refined};
 use crate::lattice::{Diamond, Lattice, gather_half, reflect_absent_half};
@@ -22,6 +23,7 @@ pub(super) struct Graph {
     maker: PatchMaker,
     changes: ChangeLog,
     stock: Stock,
+    supply: Supply,
     scratch: Scratch,
 }
 
@@ -56,7 +58,7 @@ struct Scratch {
 }
 
 impl Graph {
-    pub fn new(source: Arc<dyn DiamondSource>, form: VertexForm) -> Result<Graph> {
+    pub fn new(source: Arc<dyn DiamondSource>, form: VertexForm, threads: usize) -> Result<Graph> {
         let lattice = source.lattice();
         let (cells, root) = (lattice.cells(), lattice.root());
         let maker = PatchMaker::new(&*source, form);
@@ -73,8 +75,10 @@ impl Graph {
             patches: [None, None],
         };
         let side = cells + 1;
+        let supply = Supply::new(source.clone(), threads)?;
         let mut graph = Graph {
             skeleton,
+            supply,
             contents: vec![Some(content)],
             maker,
             changes: ChangeLog::default(),
@@ -105,6 +109,38 @@ impl Graph {
 
     pub fn changes(&mut self) -> &mut ChangeLog {
         &mut self.changes
+    }
+
+    /// What decodes its diamonds.
+    pub fn supply(&mut self) -> &mut Supply {
+        &mut self.supply
+    }
+
+    /// Asks for the details that are wanted, and gives their number.
+    pub fn ask(&mut self) -> u64 {
+        let (skeleton, contents) = (&self.skeleton, &self.contents);
+        let (lattice, all_valid) = (skeleton.source().lattice(), &*self.scratch.all_valid);
+        self.supply.end(|ready, diamond| {
+            let place = skeleton.place(diamond)?;
+            let mut vertices = contents[place].as_ref()?.vertices.clone();
+            for (half, parent) in lattice.parents(diamond).into_iter().enumerate() {
+                let node = &skeleton.node(place)?.halves[half];
+                if node.has_arrived || !node.is_present {
+                    continue;
+                }
+                let (above, refined) = &ready.get(&parent?)?.detail;
+                let refined = refined.as_ref().ok()?;
+                let from = (refined.vertices(above), &refined.centres);
+                receive_half(
+                    lattice,
+                    (parent?, from),
+                    (diamond, &mut vertices),
+                    half,
+                    all_valid,
+                );
+            }
+            Some(vertices)
+        })
     }
 
     /// Makes the storage of patches that are no longer held ready for others, within what a budget of bytes leaves.
@@ -138,8 +174,7 @@ impl Graph {
         let Some(mut content) = self.contents[place].take() else {
             return Ok(());
         };
-        let source = self.skeleton.source().clone();
-        let refined = source.refine(diamond, &content.vertices);
+        let refined = self.supply.take(diamond, &content.vertices);
         let spread = refined.and_then(|refined| {
             self.skeleton.refine(place, update, projection)?;
             self.spread(diamond, &content, &refined);
@@ -211,31 +246,17 @@ impl Graph {
         (parent, refined): (&Content, &Refined),
     ) {
         let (lattice, scratch) = (self.skeleton.source().lattice(), &self.scratch);
-        let (vertices, centres) = (refined.vertices(&parent.vertices), &refined.centres);
-        let heights = (&vertices.values[..], &centres.values[..]);
-        gather_half(lattice, from, heights, to, half, &mut child.vertices.values);
+        let matrices = (refined.vertices(&parent.vertices), &refined.centres);
+        let vertices = &mut child.vertices;
+        receive_half(
+            lattice,
+            (from, matrices),
+            (to, vertices),
+            half,
+            &scratch.all_valid,
+        );
         let slopes = (&scratch.vertex_slopes[..], &scratch.centre_slopes[..]);
         gather_half(lattice, from, slopes, to, half, &mut child.slopes);
-        let is_masked = [vertices, centres, &child.vertices]
-            .iter()
-            .any(|matrix| matrix.valid.is_some());
-        let mut mask = is_masked.then(|| {
-            let own = child.vertices.valid.take();
-            own.unwrap_or_else(|| scratch.all_valid.clone())
-        });
-        if let Some(mask) = &mut mask {
-            let vertices = vertices.valid.as_deref().unwrap_or(&scratch.all_valid);
-            let centres = centres.valid.as_deref().unwrap_or(&scratch.all_valid);
-            gather_half(lattice, from, (vertices, centres), to, half, mask);
-        }
-        if let Some(absent) = lattice.halves(to).iter().position(|present| !present) {
-            let apex = lattice.apexes(to)[absent];
-            reflect_absent_half(lattice.cells(), apex, &mut child.vertices.values);
-            if let Some(mask) = &mut mask {
-                reflect_absent_half(lattice.cells(), apex, mask);
-            }
-        }
-        child.vertices.valid = mask.filter(|mask| mask.contains(&0));
     }
 
     /// Takes back a refinement; no child may be refined.
@@ -293,6 +314,38 @@ impl Graph {
             self.stock.retire(patch);
         }
     }
+}
+
+/// Fills a half of the vertices of `to` from its parent's vertices and centres on its level, and the absent half by
+/// reflection.
+fn receive_half(
+    lattice: &Lattice,
+    (from, (vertices, centres)): (Diamond, (&Matrix, &Matrix)),
+    (to, child): (Diamond, &mut Matrix),
+    half: usize,
+    all_valid: &[u8],
+) {
+    let heights = (&vertices.values[..], &centres.values[..]);
+    gather_half(lattice, from, heights, to, half, &mut child.values);
+    let matrices = [vertices, centres, &*child];
+    let is_masked = matrices.iter().any(|matrix| matrix.valid.is_some());
+    let mut mask = is_masked.then(|| {
+        let own = child.valid.take();
+        own.unwrap_or_else(|| all_valid.into())
+    });
+    if let Some(mask) = &mut mask {
+        let vertices = vertices.valid.as_deref().unwrap_or(all_valid);
+        let centres = centres.valid.as_deref().unwrap_or(all_valid);
+        gather_half(lattice, from, (vertices, centres), to, half, mask);
+    }
+    if let Some(absent) = lattice.halves(to).iter().position(|present| !present) {
+        let apex = lattice.apexes(to)[absent];
+        reflect_absent_half(lattice.cells(), apex, &mut child.values);
+        if let Some(mask) = &mut mask {
+            reflect_absent_half(lattice.cells(), apex, mask);
+        }
+    }
+    child.valid = mask.filter(|mask| mask.contains(&0));
 }
 
 /// Copies the outermost rows and columns of a square matrix.

@@ -15,6 +15,7 @@ mod skeleton;
 mod slopes;
 mod source;
 mod stock;
+mod supply;
 mod terrain;
 mod update;
 mod view;

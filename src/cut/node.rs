@@ -194,6 +194,18 @@ impl Node {
         self.refined_children == 0
     }
 
+    /// Projected error by a view that is not the last looked through, 0 only outside its guard band.
+    pub fn error_seen_by(&self, projection: &Projection) -> f64 {
+        let halves = self.halves.iter();
+        let seen = halves.filter(|half| half.has_arrived && half.in_domain);
+        let errors = seen.map(|half| {
+            projection
+                .see(&half.corners, half.z, Some(self.bounds.error))
+                .pixels
+        });
+        errors.fold(0.0, f64::max)
+    }
+
     /// Judges the halves that have arrived by a view.
     pub fn look(&mut self, projection: &Projection) {
         (self.priority, self.keep) = (0.0, 0.0);

@@ -8,6 +8,7 @@ use crate::lattice::{Diamond, Lattice};
 use crate::schedule::Budget;
 use crate::{Error, Result};
 use std::collections::{HashMap, HashSet};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Nodes from the root down. A parent of a node is always a node itself: two parents that share a
@@ -21,6 +22,8 @@ pub(super) struct Skeleton {
     places: HashMap<Diamond, usize>,
     /// Diamonds that cannot be refined, because their source failed.
     failed: HashSet<Diamond>,
+    /// Diamonds that wait for their details in this update.
+    awaited: HashSet<Diamond>,
     visible_patches: u64,
     bytes: u64,
 }
@@ -69,6 +72,7 @@ impl Skeleton {
             free: Vec::new(),
             places: HashMap::new(),
             failed: HashSet::new(),
+            awaited: HashSet::new(),
             visible_patches: 0,
             bytes: 0,
             source,
@@ -105,6 +109,11 @@ impl Skeleton {
         nodes.filter_map(|(place, node)| Some((place, node.as_ref()?)))
     }
 
+    /// All places that a node may have.
+    pub fn places(&self) -> Range<usize> {
+        0..self.nodes.len()
+    }
+
     pub fn node(&self, place: usize) -> Option<&Node> {
         self.nodes.get(place)?.as_ref()
     }
@@ -113,12 +122,13 @@ impl Skeleton {
         self.places.get(&diamond).copied()
     }
 
-    /// Whether the node's own data let it be refined.
+    /// Whether the node's own data let it be refined now.
     pub fn is_refinable(&self, node: &Node) -> bool {
         !node.refined
             && !node.is_missing
             && !node.is_leaf
             && (self.failed.is_empty() || !self.failed.contains(&node.diamond))
+            && (self.awaited.is_empty() || !self.awaited.contains(&node.diamond))
     }
 
     /// Remembers that a diamond's source failed.
@@ -126,9 +136,20 @@ impl Skeleton {
         self.failed.insert(diamond);
     }
 
+    /// Remembers until the next look that a diamond waits for its detail.
+    pub fn wait_for(&mut self, diamond: Diamond) {
+        self.awaited.insert(diamond);
+    }
+
+    /// Whether any diamond does.
+    pub fn is_waiting(&self) -> bool {
+        !self.awaited.is_empty()
+    }
+
     /// Judges all nodes by a view.
     pub fn look(&mut self, projection: &Projection) {
         self.visible_patches = 0;
+        self.awaited.clear();
         for node in self.nodes.iter_mut().flatten() {
             if !node.is_on_the_cut() {
                 continue;

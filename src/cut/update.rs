@@ -1,5 +1,7 @@
 //! From one view to the next: the dual queue of Duchaineau et al. 1997 within budgets.
 
+mod requests;
+
 use super::changes::Changes;
 use super::foresight::Impasse;
 use super::graph::Graph;
@@ -8,7 +10,7 @@ use super::projection::Projection;
 use super::queues::{Entry, Queues};
 use super::skeleton::{Cost, Shortage, Skeleton};
 use super::{DiamondSource, Metric, View};
-use crate::Result;
+use crate::Error;
 use crate::lattice::Diamond;
 use crate::log::{LogLevel, log};
 use crate::schedule::{Budget, Deadline};
@@ -39,6 +41,18 @@ pub struct CutOptions {
     pub vertex_form: VertexForm,
     /// What tolerances are about.
     pub metric: Metric,
+    /// Threads that decode; with 0, updates decode for themselves.
+    pub threads: usize,
+}
+
+impl Default for CutOptions {
+    fn default() -> Self {
+        CutOptions {
+            vertex_form: VertexForm::Expanded,
+            metric: Metric::Geometric,
+            threads: 0,
+        }
+    }
 }
 
 /// What one update did, and what it left.
@@ -66,8 +80,10 @@ pub struct Stats {
     pub fixed_microseconds: f64,
     /// Time of the whole update.
     pub microseconds: f64,
-    /// A budget ended refinement above the tolerance.
+    /// A budget ended refinement above the tolerance, or details have yet to come.
     pub cut_short: bool,
+    /// Diamonds whose details were asked for and have not come.
+    pub awaited: u64,
     /// Refinements begun after the deadline: always 0.
     pub late_refinements: u64,
     /// The patch or byte budget is below what the root takes, which is shown all the same.
@@ -79,6 +95,7 @@ pub struct Stats {
 pub struct Cut {
     graph: Graph,
     metric: Metric,
+    threads: usize,
     triangle_strip: Box<[u16]>,
     /// Halves drawn of the root alone, and its bytes.
     root: [u64; 2],
@@ -93,6 +110,8 @@ pub struct Cut {
     impasse: (View, Budget),
     /// There was none, and the cut has not changed since.
     no_way_out: bool,
+    /// The last update's.
+    last_view: View,
     updates: u64,
 }
 
@@ -123,8 +142,8 @@ impl Cut {
     /// # Errors
     ///
     /// Those of the source's root summary.
-    pub fn new(source: Arc<dyn DiamondSource>, options: CutOptions) -> Result<Cut> {
-        let graph = Graph::new(source, options.vertex_form)?;
+    pub fn new(source: Arc<dyn DiamondSource>, options: CutOptions) -> crate::Result<Cut> {
+        let graph = Graph::new(source, options.vertex_form, options.threads)?;
         let skeleton = graph.skeleton();
         let drawn = skeleton.nodes().map(|(_, node)| node.drawn_halves()).sum();
         Ok(Cut {
@@ -132,6 +151,7 @@ impl Cut {
             root: [drawn, skeleton.bytes()],
             graph,
             metric: options.metric,
+            threads: options.threads,
             queues: Queues::default(),
             chain: Vec::new(),
             order: Vec::new(),
@@ -139,12 +159,16 @@ impl Cut {
             short_of_bytes: false,
             impasse: (NO_VIEW, Budget::UNLIMITED),
             no_way_out: false,
+            last_view: NO_VIEW,
             updates: 0,
         })
     }
 
     /// Moves the cut towards a view, as far as the budget allows. With a still view and budget it
     /// reaches a state that further updates leave as it is.
+    ///
+    /// With threads that decode, an update never waits for them: what has not come is asked for, and the surface stays as
+    /// it is until it has.
     ///
     /// A diamond whose source fails is reported to the log once and stays as it is.
     ///
@@ -153,10 +177,15 @@ impl Cut {
     /// [`Error::Argument`](crate::Error::Argument) for a view with numbers that are not finite, a
     /// singular matrix, a viewport without area, or a tolerance that is not above 0; the cut stays as
     /// it was.
-    pub fn update(&mut self, view: &View, budget: &Budget) -> Result<Stats> {
+    pub fn update(&mut self, view: &View, budget: &Budget) -> crate::Result<Stats> {
         let began = Instant::now();
         let guard = if self.short_of_bytes { 1.0 } else { GUARD_BAND };
         let cells = self.skeleton().source().lattice().cells();
+        let reserve = self.graph.supply().reserve(budget.bytes);
+        let budget = &Budget {
+            bytes: budget.bytes.saturating_sub(reserve),
+            ..*budget
+        };
         let mut pass = Pass {
             view,
             projection: Projection::new(view, guard, self.metric, cells)?,
@@ -166,6 +195,7 @@ impl Cut {
             stats: Stats::default(),
         };
         self.updates += 1;
+        self.graph.supply().begin();
         self.graph.skeleton_mut().look(&pass.projection);
         self.queues.fill(self.graph.skeleton(), pass.tolerance);
         let judged = began.elapsed();
@@ -178,24 +208,28 @@ impl Cut {
             while matches!(halt, Halt::Full(_)) && self.start_again(&mut pass) {
                 halt = self.refine_all(&mut pass);
             }
-            if halt != Halt::Interrupted {
+            // What waits may need what is out of sight.
+            if halt != Halt::Interrupted && !self.skeleton().is_waiting() {
                 self.collect(&mut pass);
+            }
+            if halt == Halt::Satisfied && self.threads > 0 {
+                self.look_ahead(&pass, guard);
             }
             self.short_of_bytes = halt == Halt::Full(Shortage::Bytes);
         }
 
         let listing = Instant::now();
         let mut stats = pass.stats;
+        stats.awaited = self.graph.ask();
+        self.last_view = *view;
         self.list(view.eye, &mut stats);
         self.graph.sweep(budget.bytes);
         let changes = self.graph.changes().close_update();
         (stats.added, stats.removed) = (changes.added, changes.removed);
         let skeleton = self.graph.skeleton();
-        stats.bytes = skeleton.bytes();
-        stats.cut_short = self
-            .queues
-            .next_refinement(skeleton, view.tolerance)
-            .is_some();
+        stats.bytes = skeleton.bytes() + reserve;
+        let next = self.queues.next_refinement(skeleton, view.tolerance);
+        stats.cut_short = stats.awaited > 0 || next.is_some();
         stats.budget_too_small = too_small;
         stats.fixed_microseconds = (judged + listing.elapsed()).as_secs_f64() * 1e6;
         stats.microseconds = began.elapsed().as_secs_f64() * 1e6;
@@ -254,71 +288,76 @@ impl Cut {
             let mut chain = std::mem::take(&mut self.chain);
             chain.clear();
             let refined = pass.stats.refined;
-            let halt = if self.graph.skeleton().chain(top.item.2, &mut chain) {
+            let end = if self.graph.skeleton().chain(top.item.2, &mut chain) {
                 self.refine_chain(&chain, top.key, pass)
             } else {
                 self.queues.skip_refinement();
-                None
+                Ok(())
             };
             self.chain = chain;
             if pass.stats.refined > refined {
                 self.discard_one(pass);
             }
-            if let Some(halt) = halt {
+            if let Err(halt) = end {
                 return halt;
             }
         }
         Halt::Satisfied
     }
 
-    /// Refines the nodes of a chain, the last of which has projected error `error`.
-    fn refine_chain(&mut self, chain: &[usize], error: f64, pass: &mut Pass) -> Option<Halt> {
-        if let Some(halt) = self.make_room(chain, error, pass) {
-            return Some(halt);
+    /// Refines the nodes of a chain, the last of which has projected error `error`, if all their details are there.
+    fn refine_chain(&mut self, chain: &[usize], error: f64, pass: &mut Pass) -> Result<(), Halt> {
+        if !self.is_supplied(chain, error, pass)? {
+            return Ok(());
         }
+        self.make_room(chain, error, pass)?;
         for &place in chain {
             let skeleton = self.graph.skeleton();
             let (upload, diamond) = match skeleton.node(place) {
                 Some(node) => (skeleton.refinement_upload(node), node.diamond),
-                None => return None,
+                None => return Ok(()),
             };
             let began = Instant::now();
             if pass.stats.refined >= pass.budget.refinements
                 || pass.deadline.is_past(began)
                 || !self.can_upload(upload, pass)
             {
-                return Some(Halt::Interrupted);
+                return Err(Halt::Interrupted);
             }
             pass.stats.late_refinements += u64::from(pass.deadline.is_past(began));
             if let Err(error) = self.graph.refine(place, self.updates, &pass.projection) {
-                let Diamond { x, y, .. } = diamond;
-                log(
-                    LogLevel::Warning,
-                    &format!("diamond ({x}, {y}) stays coarse: {error}"),
-                );
-                return None;
+                self.give_up(diamond, &error);
+                return Ok(());
             }
             pass.stats.refined += 1;
             self.push_family(diamond, pass);
         }
-        None
+        Ok(())
+    }
+
+    fn give_up(&mut self, diamond: Diamond, error: &Error) {
+        self.graph.skeleton_mut().give_up(diamond);
+        let Diamond { x, y, .. } = diamond;
+        let message = format!("diamond ({x}, {y}) stays coarse: {error}");
+        log(LogLevel::Warning, &message);
     }
 
     /// Coarsens what matters less until the refinement of `chain` fits.
-    fn make_room(&mut self, chain: &[usize], error: f64, pass: &mut Pass) -> Option<Halt> {
+    fn make_room(&mut self, chain: &[usize], error: f64, pass: &mut Pass) -> Result<(), Halt> {
         loop {
             let skeleton = self.graph.skeleton_mut();
-            let full = Halt::Full(skeleton.shortage(chain, &pass.projection, pass.budget)?);
-            let Some(least) = self.next_coarsening() else {
-                return Some(full);
+            let shortage = skeleton.shortage(chain, &pass.projection, pass.budget);
+            let Some(shortage) = shortage else {
+                return Ok(());
             };
-            if least.key * EXCHANGE >= error {
-                return Some(full);
-            }
+            let least = self.next_coarsening();
+            let Some(least) = least.filter(|least| least.key * EXCHANGE < error) else {
+                return Err(Halt::Full(shortage));
+            };
             if self.is_parent_of_any(least.item.1, chain) {
                 self.queues.skip_coarsening();
             } else if !self.try_coarsen(least, pass) {
-                return Some(Halt::Interrupted);
+                return Err(Halt::Interrupted);
             }
         }
     }
@@ -330,6 +369,7 @@ impl Cut {
         let change = pass.stats.refined + pass.stats.coarsened;
         let still = (*pass.view, *pass.budget);
         if change > 0
+            || self.skeleton().is_waiting()
             || pass.deadline.is_past(Instant::now())
             || (self.no_way_out && self.impasse == still)
         {

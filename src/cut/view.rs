@@ -13,6 +13,24 @@ pub struct View {
     pub tolerance: f64,
 }
 
+impl View {
+    /// The view to come if the camera moves on so many times as it did from `before`; the same where that had another
+    /// viewport.
+    pub(super) fn after(&self, before: &View, times: f64) -> View {
+        if self.viewport != before.viewport {
+            return *self;
+        }
+        let on = |now: f64, before: f64| now + times * (now - before);
+        View {
+            eye: std::array::from_fn(|axis| on(self.eye[axis], before.eye[axis])),
+            world_to_clip: std::array::from_fn(|entry| {
+                on(self.world_to_clip[entry], before.world_to_clip[entry])
+            }),
+            ..*self
+        }
+    }
+}
+
 /// What is projected on the screen as a diamond's error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Metric {

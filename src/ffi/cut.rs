@@ -46,6 +46,8 @@ pub struct kmb_cut_options {
     pub vertex_form: u32,
     /// A kmb_metric.
     pub metric: u32,
+    /// Threads that decode for the cut, at most 64. With 0, updates decode for themselves, within their budgets.
+    pub threads: u32,
 }
 
 /// A camera, in world coordinates.
@@ -79,7 +81,7 @@ pub struct kmb_budget {
     /// Refinements in this update; 0 leaves the cut as it is.
     pub refinements: u64,
     /// Bytes of decoded data that the cut holds, with all masks and lists of triangles that voids and borders may
-    /// need.
+    /// need, and up to an eighth of it for what its threads decode.
     pub bytes: u64,
     /// Bytes of vertices handed out anew in this update.
     pub upload_bytes: u64,
@@ -93,7 +95,7 @@ pub struct kmb_budget {
 pub struct kmb_stats {
     /// sizeof(kmb_stats).
     pub struct_size: u32,
-    /// 1 where a budget ended refinement while an error was above the tolerance, else 0.
+    /// 1 where a budget ended refinement while an error was above the tolerance, or details have yet to come; else 0.
     pub cut_short: u32,
     /// Diamonds refined.
     pub refined: u64,
@@ -118,6 +120,8 @@ pub struct kmb_stats {
     pub fixed_microseconds: f64,
     /// Time of the whole update, in microseconds.
     pub microseconds: f64,
+    /// Diamonds whose details the cut's threads were asked for and have not given; updates go on without.
+    pub awaited: u64,
 }
 
 /// From grid coordinates (column, row, height unit) to the world, axis by axis: world[i] =
@@ -156,6 +160,9 @@ unsafe impl SizedStruct for kmb_grid_to_world {
     const NAME: &'static str = "kmb_grid_to_world";
 }
 
+/// Threads of one cut.
+const MOST_THREADS: usize = 64;
+
 /// The patches that a viewer draws, kept from frame to frame.
 pub struct kmb_cut {
     broken: AtomicBool,
@@ -176,7 +183,8 @@ impl Handle for kmb_cut {
 }
 
 /// Makes a cut of a repository and gives a handle, which kmb_cut_destroy frees. It has no patches
-/// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED, KMB_METRIC_GEOMETRIC.
+/// to draw until its first update. `options` may be NULL: KMB_VERTEX_EXPANDED, KMB_METRIC_GEOMETRIC,
+/// no threads.
 /// The repository may be closed before the cut is destroyed.
 ///
 /// May be called with the same repository from several threads at once.
@@ -191,15 +199,13 @@ pub unsafe extern "C" fn kmb_cut_create(
     boundary!(shared repository: kmb_repository, {
         // SAFETY: the caller passes pointers as the header asks.
         let out = unsafe { output(cut, "cut") }?;
-        let mut chosen = CutOptions {
-            vertex_form: VertexForm::Expanded,
-            metric: Metric::Geometric,
-        };
+        let mut chosen = CutOptions::default();
         if !options.is_null() {
             // SAFETY: as above.
             let options = unsafe { input_struct(options) }?;
             chosen.vertex_form = chosen_form(options.vertex_form)?;
             chosen.metric = chosen_metric(options.metric)?;
+            chosen.threads = chosen_threads(options.threads)?;
         }
         let cut = Cut::new(repository.terrain()?, chosen)?;
         let mut made = kmb_cut {
@@ -230,6 +236,15 @@ fn chosen_metric(number: u32) -> Result<Metric, Failure> {
         number if number == kmb_metric::KMB_METRIC_GEOMETRIC as u32 => Ok(Metric::Geometric),
         number if number == kmb_metric::KMB_METRIC_SAMPLING as u32 => Ok(Metric::Sampling),
         _ => Err(Failure::argument(format!("metric {number} is unknown"))),
+    }
+}
+
+fn chosen_threads(number: u32) -> Result<usize, Failure> {
+    match usize::try_from(number) {
+        Ok(threads) if threads <= MOST_THREADS => Ok(threads),
+        _ => Err(Failure::argument(format!(
+            "{number} threads are more than {MOST_THREADS}"
+        ))),
     }
 }
 
@@ -340,6 +355,7 @@ fn told(stats: &Stats) -> kmb_stats {
         largest_error: stats.largest_error,
         fixed_microseconds: stats.fixed_microseconds,
         microseconds: stats.microseconds,
+        awaited: stats.awaited,
     }
 }
 

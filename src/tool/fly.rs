@@ -20,6 +20,8 @@ pub struct Flight {
     pub tolerance: f64,
     /// What the tolerance is about.
     pub metric: Metric,
+    /// Threads that decode; with 0, frames decode for themselves.
+    pub threads: usize,
     /// Time for refinement in a frame; `None` sets no limit.
     pub budget_microseconds: Option<u64>,
 }
@@ -65,6 +67,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         CutOptions {
             vertex_form: VertexForm::Expanded,
             metric: flight.metric,
+            threads: flight.threads,
         },
     )?;
     let budget = Budget {

@@ -2,7 +2,7 @@
 
 use crate::scenes::*;
 use crate::support::memory::MemorySource;
-use kimberlite::cut::Cut;
+use kimberlite::cut::{Cut, CutOptions};
 use kimberlite::schedule::Budget;
 use std::sync::Arc;
 
@@ -72,10 +72,10 @@ fn next_budget(dice: &mut Dice, budget: Budget) -> Budget {
     }
 }
 
-/// 2,000 frames, of which every 500th is followed by 300 still ones.
-fn fly(microseconds: u64) {
+/// 2,000 frames, of which every 500th is followed by 300 still ones where no threads decode.
+fn fly(microseconds: u64, options: CutOptions) {
     let source = Arc::new(MemorySource::exact(hills(129, 97, 5, Voids::None), 3));
-    let mut cut = Cut::new(source.clone(), COMPACT).unwrap();
+    let mut cut = Cut::new(source.clone(), options).unwrap();
     let mut dice = Dice(microseconds);
     let mut budget = Budget {
         microseconds,
@@ -120,7 +120,7 @@ fn fly(microseconds: u64) {
         if frame % 50 == 0 {
             assert_eq!(cracks(&cut, &source), 0);
         }
-        if frame % 500 == 0 {
+        if frame % 500 == 0 && options.threads == 0 {
             rest(&mut cut, &source, stand, budget);
         }
     }
@@ -157,15 +157,24 @@ fn rest(cut: &mut Cut, source: &Arc<MemorySource>, stand: Stand, budget: Budget)
 
 #[test]
 fn half_a_millisecond_a_frame_is_kept_and_suffices() {
-    fly(500);
+    fly(500, COMPACT);
 }
 
 #[test]
 fn a_millisecond_a_frame_is_kept_and_suffices() {
-    fly(1000);
+    fly(1000, COMPACT);
 }
 
 #[test]
 fn four_milliseconds_a_frame_are_kept_and_suffice() {
-    fly(4000);
+    fly(4000, COMPACT);
+}
+
+#[test]
+fn budgets_are_kept_while_threads_decode() {
+    let options = CutOptions {
+        threads: 2,
+        ..COMPACT
+    };
+    fly(1000, options);
 }

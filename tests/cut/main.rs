@@ -12,3 +12,4 @@ mod repositories;
 mod scenes;
 #[path = "../support/mod.rs"]
 mod support;
+mod threads;

@@ -10,10 +10,12 @@ use proptest::prelude::*;
 pub const COMPACT: CutOptions = CutOptions {
     vertex_form: VertexForm::Compact,
     metric: Metric::Geometric,
+    threads: 0,
 };
 pub const EXPANDED: CutOptions = CutOptions {
     vertex_form: VertexForm::Expanded,
     metric: Metric::Geometric,
+    threads: 0,
 };
 
 /// Random cases; KIMBERLITE_CASES asks for another number.

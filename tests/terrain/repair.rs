@@ -341,6 +341,7 @@ fn check_report(case: &Case, raster: &Raster) -> Result<(), TestCaseError> {
         viewport: [640, 480],
         tolerance: 0.5,
         metric: kimberlite::cut::Metric::Geometric,
+        threads: 0,
         budget_microseconds: None,
     };
     prop_assert_eq!(

@@ -273,6 +273,9 @@ pub struct Fly {
     /// What the tolerance is about
     #[arg(long, value_enum, default_value_t = Metric::Geometric)]
     pub metric: Metric,
+    /// Threads that decode, at most 64; with 0, frames decode for themselves
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(..=64))]
+    pub threads: u8,
     /// Time for refinement in a frame, in microseconds; unlimited by default
     #[arg(long, value_name = "N")]
     pub budget_us: Option<u64>,

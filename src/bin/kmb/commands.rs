@@ -424,6 +424,7 @@ fn fly(arguments: &arguments::Fly) -> Result<Report> {
             arguments::Metric::Geometric => Metric::Geometric,
             arguments::Metric::Sampling => Metric::Sampling,
         },
+        threads: arguments.threads.into(),
         budget_microseconds: arguments.budget_us,
     };
     let terrain = open_heights(&arguments.file)?;
