@@ -142,6 +142,15 @@ impl Writer {
         Ok(())
     }
 
+    /// Returns once all blocks so far are on the medium.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Io`]. After an error the writer can only be dropped.
+    pub fn sync(&mut self) -> Result<()> {
+        self.out.sync()
+    }
+
     /// Writes index and header, syncs, and gives the file its name. `codes` are the error, low and high
     /// code of each block, by rank. Returns the file's length in bytes.
     ///
@@ -272,11 +281,18 @@ impl Output {
         Ok(())
     }
 
-    pub(super) fn publish(mut self) -> Result<()> {
+    pub(super) fn sync(&mut self) -> Result<()> {
         self.flush()?;
-        let Output { path, mut sink, .. } = self;
-        sink.sync().map_err(Error::io(&path, "cannot sync"))?;
-        sink.publish()
-            .map_err(Error::io(&path, "cannot give the finished file its name"))
+        let synced = self.sink.sync();
+        synced.map_err(Error::io(&self.path, "cannot sync"))
+    }
+
+    pub(super) fn publish(mut self) -> Result<()> {
+        self.sync()?;
+        let published = self.sink.publish();
+        published.map_err(Error::io(
+            &self.path,
+            "cannot give the finished file its name",
+        ))
     }
 }

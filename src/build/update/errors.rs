@@ -13,6 +13,9 @@ use crate::codec::{ErrorCode, Matrix};
 use crate::lattice::Diamond;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Samples around changes that are looked at; where there are more, a search is quicker.
+const MOST_LOOKED_AT: i64 = 1 << 20;
+
 /// The error codes by rank, where `codes` are those before; from the finest level up. `before` decodes the file as it
 /// was.
 pub(super) fn renewed(
@@ -23,7 +26,9 @@ pub(super) fn renewed(
     codes: &[[u8; 3]],
 ) -> Result<Vec<u8>> {
     let lattice = old.lattice;
-    let surroundings = Surroundings::new(old, new, &mut before)?;
+    // No triangle is longer than the root's legs.
+    let widest = around(old, new.corners(), extent_of(lattice, lattice.root()));
+    let surroundings = tiles(old, new, &mut before, widest)?;
     // Samples on a diamond's edge count for it, so that it is of concern where a wider rectangle meets its inside.
     let [first, last] = new.corners();
     let [first, last] = [first.map(|start| start - 1), last.map(|end| end + 1)];
@@ -44,17 +49,27 @@ pub(super) fn renewed(
         let Some(&any) = concerned.first() else {
             continue;
         };
-        let sight = surroundings.of(old, new, any);
+        let extent = extent_of(lattice, any);
+        let usual = around(old, new.corners(), extent);
+        let sight = surroundings.each_ref().map(|tile| tile.part(usual));
         for &diamond in &concerned {
             let renewal = Renewal::new(old, diamond, &former, &codes);
             let decided = match changes.get(diamond) {
                 Some(change) => {
                     let states = [&change.before.vertices, &change.after.vertices];
-                    renewal.decide(old, new, &sight, states)
+                    let [was, is] = states;
+                    let corners = around(old, box_of_changes(old, new, diamond, was, is), extent);
+                    if corners == usual {
+                        renewal.decide(old, &sight, states)
+                    } else if area(corners) <= MOST_LOOKED_AT {
+                        renewal.decide(old, &tiles(old, new, &mut before, corners)?, states)
+                    } else {
+                        None
+                    }
                 }
                 None => {
                     let state = before.state(diamond)?;
-                    renewal.decide(old, new, &sight, [&state.vertices; 2])
+                    renewal.decide(old, &sight, [&state.vertices; 2])
                 }
             };
             codes[lattice.rank(diamond) as usize] = match decided {
@@ -67,41 +82,32 @@ pub(super) fn renewed(
     Ok(codes)
 }
 
-/// The leaf level around the rectangle, before and after.
-struct Surroundings {
-    tiles: [Tile; 2],
+/// The leaf level in a box that has the rectangle, before and after.
+fn tiles(
+    old: &Predecessor,
+    new: &Replacement,
+    decoder: &mut Decoder,
+    corners: [[i64; 2]; 2],
+) -> Result<[Tile; 2]> {
+    let before = decoder.tile(corners)?;
+    let mut after = before.part(corners);
+    for place in new.places() {
+        after.set(place, new.height(old.units, place).flatten());
+    }
+    Ok([before, after])
 }
 
-impl Surroundings {
-    fn new(old: &Predecessor, new: &Replacement, decoder: &mut Decoder) -> Result<Surroundings> {
-        // No triangle is longer than the root's legs.
-        let widest = extent_of(old.lattice, old.lattice.root());
-        let corners = around(old, new, widest);
-        let before = decoder.tile(corners)?;
-        let mut after = before.part(corners);
-        for place in new.places() {
-            after.set(place, new.height(old.units, place).flatten());
-        }
-        Ok(Surroundings {
-            tiles: [before, after],
-        })
-    }
-
-    /// All whose distance from a surface of such diamonds can have changed, before and after.
-    fn of(&self, old: &Predecessor, new: &Replacement, diamond: Diamond) -> [Tile; 2] {
-        let corners = around(old, new, extent_of(old.lattice, diamond));
-        self.tiles.each_ref().map(|tile| tile.part(corners))
-    }
-}
-
-/// The rectangle widened on all sides, inside the raster.
-fn around(old: &Predecessor, new: &Replacement, reach: i64) -> [[i64; 2]; 2] {
+/// A box widened on all sides, inside the raster.
+fn around(old: &Predecessor, [first, last]: [[i64; 2]; 2], reach: i64) -> [[i64; 2]; 2] {
     let ends = [old.lattice.width(), old.lattice.height()].map(|side| i64::from(side) - 1);
-    let [first, last] = new.corners();
     [
         first.map(|start| (start - reach).max(0)),
         [0, 1].map(|axis| (last[axis] + reach).min(ends[axis])),
     ]
+}
+
+fn area([first, last]: [[i64; 2]; 2]) -> i64 {
+    (last[0] - first[0] + 1) * (last[1] - first[1] + 1)
 }
 
 /// What decides a diamond's new code.
@@ -135,19 +141,16 @@ impl Renewal {
         renewal
     }
 
-    /// The new code, or `None` where all that the diamond covers must be looked at.
+    /// The new code by all whose distance from the diamond can have changed, or `None` where all that it covers must be
+    /// looked at.
     fn decide(
         &self,
         old: &Predecessor,
-        new: &Replacement,
         sight: &[Tile; 2],
         [before, after]: [&Matrix; 2],
     ) -> Option<u8> {
         if self.children == ErrorCode::UNBOUNDED.0 {
             return Some(self.children);
-        }
-        if has_changed_beyond(old, new, self.diamond, before, after) {
-            return None;
         }
         let has_voids = old.store.header().void_samples > 0;
         let look = |vertices, tile| look_at(old.lattice, self.diamond, vertices, tile, has_voids);
@@ -166,21 +169,37 @@ impl Renewal {
     }
 }
 
-/// Whether a vertex outside the rectangle has changed, as those of voids may.
-fn has_changed_beyond(
+/// The box of the rectangle and of all vertices of present halves that are not what they were, as those of voids and
+/// beyond the raster's edge may.
+fn box_of_changes(
     old: &Predecessor,
     new: &Replacement,
     diamond: Diamond,
     before: &Matrix,
     after: &Matrix,
-) -> bool {
+) -> [[i64; 2]; 2] {
+    let mut corners = new.corners();
     if before == after {
-        return false;
+        return corners;
     }
-    let (placement, side) = (old.lattice.placement(diamond), old.lattice.cells() + 1);
-    (0..side * side).any(|index| {
-        let is_same = before.values[index] == after.values[index]
-            && before.is_valid(index) == after.is_valid(index);
-        !is_same && !new.contains(placement.vertex(index % side, index / side))
-    })
+    let (lattice, placement) = (old.lattice, old.lattice.placement(diamond));
+    let (apexes, present) = (lattice.apexes(diamond), lattice.halves(diamond));
+    let side = lattice.cells() + 1;
+    // What mirrors a change across the hypotenuse is drawn nowhere.
+    for half in (0..2).filter(|&half| present[half]) {
+        for j in 0..side {
+            let (first, last) = apexes[half].row(lattice.cells() as i64, j as i64);
+            for i in first as usize..=last as usize {
+                let index = j * side + i;
+                let is_same = before.values[index] == after.values[index]
+                    && before.is_valid(index) == after.is_valid(index);
+                if !is_same {
+                    let place = placement.vertex(i, j);
+                    corners[0] = [0, 1].map(|axis| corners[0][axis].min(place[axis]));
+                    corners[1] = [0, 1].map(|axis| corners[1][axis].max(place[axis]));
+                }
+            }
+        }
+    }
+    corners
 }

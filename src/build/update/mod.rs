@@ -159,26 +159,38 @@ pub fn replace(
         false => Err(Error::Cancelled),
     };
     step(changes.len() as u64)?;
-    let codes = renewed_codes(old, new, &changes, before, threads)?;
-    step(count)?;
     let header = Header {
         void_samples,
         ..header.clone()
     };
     let roots = changes.roots(old);
     let mut writer = Writer::with_sink(output, sink, &header, roots, old.store.tables())?;
-    let mut scratch = Vec::new();
-    for rank in 0..count {
-        match changes.block(lattice.diamond(rank)) {
-            Some(block) => writer.push(block)?,
-            None => writer.push(old.store.block(rank, &mut scratch)?)?,
+    let mut copy = || {
+        let mut scratch = Vec::new();
+        for rank in 0..count {
+            match changes.block(lattice.diamond(rank)) {
+                Some(block) => writer.push(block)?,
+                None => writer.push(old.store.block(rank, &mut scratch)?)?,
+            }
+            if rank.is_multiple_of(1024) {
+                step(count + rank)?;
+            }
         }
-        if rank.is_multiple_of(1024) {
-            step(count + rank)?;
-        }
-    }
-    let bytes = writer.finish(&header, &codes)?;
+        writer.sync()
+    };
+    let find = || renewed_codes(old, new, &changes, before, threads);
+    // The medium takes the blocks while codes are looked for.
+    let (codes, copied) = match threads {
+        1 => (find(), copy()),
+        _ => std::thread::scope(|scope| {
+            let codes = scope.spawn(find);
+            let copied = copy();
+            (joined(codes), copied)
+        }),
+    };
+    copied?;
     step(2 * count)?;
+    let bytes = writer.finish(&header, &codes?)?;
     Ok(Some(Replaced {
         diamonds: changes.len() as u64,
         bytes,
