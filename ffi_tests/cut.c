@@ -1,9 +1,11 @@
 /* A cut: the changes describe its patches, patches are whole and outlive it when retained, budgets and bad views are honoured, and
- * a still view settles. */
+ * a still view settles, also where threads decode. */
+#define _POSIX_C_SOURCE 200809L /* nanosleep */
 #include <math.h>
 #include <pthread.h>
 #include <stddef.h>
 #include <string.h>
+#include <time.h>
 
 #include "check.h"
 
@@ -248,6 +250,29 @@ static void budgets_are_kept(const kmb_repository *repository)
     kmb_cut_destroy(cut);
 }
 
+/* Frames go on while threads decode, and in the end show what a cut without threads shows. */
+static void threads_decode_between_frames(const kmb_repository *repository)
+{
+    kmb_cut_options options = {.struct_size = sizeof options, .vertex_form = KMB_VERTEX_COMPACT, .threads = 2};
+    kmb_cut *cut = NULL, *alone = new_cut(repository, KMB_VERTEX_COMPACT);
+    kmb_view view = view_from_above(1);
+    CHECK_STATUS(KMB_OK, kmb_cut_create(repository, &options, &cut));
+    settle(alone, &view, NULL);
+    uint64_t patches = update(alone, &view, NULL).patches;
+    kmb_stats stats = update(cut, &view, NULL);
+    CHECK(stats.refined == 0 && stats.awaited > 0 && stats.cut_short == 1 && stats.patches == 2);
+    for (int i = 0; i < 100000 && stats.awaited + stats.refined + stats.coarsened > 0; i++) {
+        struct timespec pause = {.tv_nsec = 200000};
+        nanosleep(&pause, NULL);
+        stats = update(cut, &view, NULL);
+    }
+    CHECK(stats.awaited == 0 && stats.cut_short == 0 && stats.patches == patches);
+    kmb_cut_destroy(cut);
+    kmb_cut_destroy(alone);
+    options.threads = 65;
+    CHECK_STATUS(KMB_INVALID_ARGUMENT, kmb_cut_create(repository, &options, &cut));
+}
+
 static void bad_views_change_nothing(const kmb_repository *repository)
 {
     kmb_cut *cut = new_cut(repository, KMB_VERTEX_EXPANDED);
@@ -284,6 +309,7 @@ int main(int count, char **words)
     patches_are_whole(repository, KMB_VERTEX_COMPACT);
     budgets_are_kept(repository);
     bad_views_change_nothing(repository);
+    threads_decode_between_frames(repository);
     kmb_repository_close(repository);
     retained_patches_outlive_their_cut(path);
     return 0;

@@ -8,9 +8,10 @@
 
 static void structs(void)
 {
-    SIZE(kmb_open_options, 8);
+    SIZE(kmb_open_options, 16);
     AT(kmb_open_options, struct_size, 0);
     AT(kmb_open_options, access, 4);
+    AT(kmb_open_options, shared_bytes, 8);
     SIZE(kmb_repository_info, 256);
     AT(kmb_repository_info, struct_size, 0);
     AT(kmb_repository_info, kind, 4);

@@ -202,6 +202,9 @@ typedef struct kmb_open_options {
     uint32_t struct_size;
     // A kmb_access.
     uint32_t access;
+    // Bytes of decoded diamonds kept for all cuts and queries of the repository, beside what they hold themselves, so that
+    // what one has decoded another need not. 0 keeps none; KMB_UNLIMITED all.
+    uint64_t shared_bytes;
 } kmb_open_options;
 
 // What is known of a repository. Errors and ranges are in the raster's own units, those of its

@@ -29,7 +29,7 @@ macro_rules! layout {
 
 #[test]
 fn structs_lie_as_c_programs_were_compiled() {
-    layout!(kmb_open_options, 8, struct_size 0, access 4);
+    layout!(kmb_open_options, 16, struct_size 0, access 4, shared_bytes 8);
     layout!(
         kmb_repository_info, 256, struct_size 0, kind 4, width 8, height 12, cells 16, levels 20,
         diamonds 24, samples 32, void_samples 40, bytes 48, max_error 56, max_error_bound 64,

@@ -1,5 +1,6 @@
 //! An opened repository of heights or of colours: the file, its lattice and its codec in one.
 
+use super::shared::Shared;
 use super::source::Summary;
 use crate::codec::{
     BlockCodec, ColourUnits, Components, ErrorCode, Matrix, Model, Outline, RangeCode, Refined,
@@ -18,6 +19,7 @@ pub struct Layer {
     components: Components,
     codec: BlockCodec,
     root: Matrix,
+    shared: Option<Shared>,
 }
 
 impl Layer {
@@ -91,7 +93,23 @@ impl Layer {
             codec,
             root,
             store,
+            shared: None,
         })
+    }
+
+    /// Keeps up to so many bytes of decoded diamonds for all that use the layer, beside what they hold themselves; 0 for
+    /// none.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for a number of bytes that cannot be.
+    pub fn sharing(mut self, bytes: u64) -> Result<Layer> {
+        let each = self.lattice.cells().pow(2) * self.components.count() * size_of::<i32>();
+        self.shared = match bytes {
+            0 => None,
+            _ => Some(Shared::new(bytes, each as u64)?),
+        };
+        Ok(self)
     }
 
     /// What the file says of itself.
@@ -159,6 +177,13 @@ impl Layer {
     ///
     /// [`Error::Missing`] where the block was lost in a repair, else whatever keeps it from being read or decoded.
     pub fn refine(&self, diamond: Diamond, vertices: &Matrix) -> Result<Refined> {
+        match &self.shared {
+            Some(shared) => shared.get(diamond, || self.decode(diamond, vertices)),
+            None => self.decode(diamond, vertices),
+        }
+    }
+
+    fn decode(&self, diamond: Diamond, vertices: &Matrix) -> Result<Refined> {
         let mut scratch = Vec::new();
         let block = self.store.block(self.lattice.rank(diamond), &mut scratch)?;
         let outline = Outline::of(&self.lattice, diamond);

@@ -11,6 +11,7 @@ mod projection;
 mod query;
 mod queues;
 mod ray;
+mod shared;
 mod skeleton;
 mod slopes;
 mod source;

@@ -75,6 +75,9 @@ pub struct kmb_open_options {
     pub struct_size: u32,
     /// A kmb_access.
     pub access: u32,
+    /// Bytes of decoded diamonds kept for all cuts and queries of the repository, beside what they hold themselves, so that
+    /// what one has decoded another need not. 0 keeps none; KMB_UNLIMITED all.
+    pub shared_bytes: u64,
 }
 
 /// What is known of a repository. Errors and ranges are in the raster's own units, those of its
@@ -208,12 +211,13 @@ pub unsafe extern "C" fn kmb_repository_open(
     boundary!({
         // SAFETY: the caller passes pointers as the header asks.
         let (path, out) = unsafe { (self::path(path)?, output(repository, "repository")?) };
-        let mut access = Access::Map;
+        let (mut access, mut shared_bytes) = (Access::Map, 0);
         if !options.is_null() {
             // SAFETY: as above.
-            access = chosen_access(unsafe { input_struct(options) }?.access)?;
+            let options = unsafe { input_struct(options) }?;
+            (access, shared_bytes) = (chosen_access(options.access)?, options.shared_bytes);
         }
-        let layer = Layer::open(&path, access)?;
+        let layer = Layer::open(&path, access)?.sharing(shared_bytes)?;
         let info = &layer.header().raster;
         let opened = kmb_repository {
             broken: AtomicBool::new(false),

@@ -3,6 +3,7 @@
 use crate::support::camera::looking;
 use crate::support::memory::{MemorySource, Raster};
 use kimberlite::cut::{Cut, CutOptions, DiamondSource, Metric, Stats, VertexForm, View};
+use kimberlite::lattice::Diamond;
 use kimberlite::schedule::Budget;
 use kimberlite::tool::count_cracks;
 use proptest::prelude::*;
@@ -186,4 +187,17 @@ pub fn overview(source: &MemorySource, tolerance: f64) -> View {
             tolerance,
         },
     )
+}
+
+pub type Drawn = Vec<(Diamond, u8, Vec<u32>)>;
+
+/// Every half of a cut with the bits of its vertices.
+pub fn drawn(cut: &Cut) -> Drawn {
+    let bits = |vertices: &[f32]| vertices.iter().map(|number| number.to_bits()).collect();
+    let all = cut.all_patches();
+    let mut all: Drawn = all
+        .map(|patch| (patch.diamond, patch.half, bits(&patch.vertices)))
+        .collect();
+    all.sort();
+    all
 }

@@ -134,18 +134,6 @@ fn settle_threaded(cut: &mut Cut, view: &View, budget: &Budget) -> Stats {
     panic!("a still view never settles: {stats:?} within {budget:?}");
 }
 
-type Drawn = Vec<(Diamond, u8, Vec<u32>)>;
-
-fn drawn(cut: &Cut) -> Drawn {
-    let bits = |vertices: &[f32]| vertices.iter().map(|number| number.to_bits()).collect();
-    let all = cut.all_patches();
-    let mut all: Drawn = all
-        .map(|patch| (patch.diamond, patch.half, bits(&patch.vertices)))
-        .collect();
-    all.sort();
-    all
-}
-
 proptest! {
     #![proptest_config(config(40))]
 
