@@ -2,10 +2,11 @@
  * keeps the patches in OpenGL buffers, draws them with OSMesa, and writes PNGs and a summary.
  *
  * flyover FILE.kmb [--frames N] [--size WxH] [--tolerance PX] [--budget-us N] [--out DIR] [--every K]
- *                  [--wireframe] [--levels] [--background R,G,B] [--steep N] [--still N]
+ *                  [--wireframe] [--levels] [--meter] [--background R,G,B] [--steep N] [--still N]
+ *                  [--threads N] [--budget-mib N]
  *
  * --steep N draws N views from above that see only the terrain's inside instead of a flight, and fails if a pixel of the
- * background shows. --still N then stays at the last view for N frames, in which the cut should settle. */
+ * background shows. --threads N decodes beside the flight; --meter shows time, bytes and what is awaited as bars. --still N then stays at the last view for N frames, in which the cut should settle. */
 #include <errno.h>
 #include <kimberlite.h>
 #include <stdio.h>
@@ -17,13 +18,14 @@
 
 #include "camera.h"
 #include "drawing.h"
+#include "meter.h"
 #include "picture.h"
 
 struct options {
     const char *file, *out;
-    int frames, width, height, every, steep, still, wireframe, levels;
+    int frames, width, height, every, steep, still, wireframe, levels, meter, threads;
     double tolerance;
-    uint64_t budget_us;
+    uint64_t budget_us, budget_bytes;
     int background[3];
 };
 
@@ -54,18 +56,22 @@ static int library_error(const char *what)
 static int read_options(int count, char **words, struct options *options)
 {
     *options = (struct options){.out = ".", .frames = 240, .width = 1280, .height = 1024, .every = 10,
-                                .tolerance = 1, .budget_us = KMB_UNLIMITED, .background = {166, 196, 226}};
+                                .tolerance = 1, .budget_us = KMB_UNLIMITED, .budget_bytes = KMB_UNLIMITED,
+                                .background = {166, 196, 226}};
     for (int i = 1; i < count; i++) {
         const char *name = words[i], *value = i + 1 < count ? words[i + 1] : "";
         int *colour = options->background, used = 1;
         if (!strcmp(name, "--wireframe")) options->wireframe = 1, used = 0;
         else if (!strcmp(name, "--levels")) options->levels = 1, used = 0;
+        else if (!strcmp(name, "--meter")) options->meter = 1, used = 0;
+        else if (!strcmp(name, "--threads")) options->threads = atoi(value);
         else if (!strcmp(name, "--frames")) options->frames = atoi(value);
         else if (!strcmp(name, "--steep")) options->steep = atoi(value);
         else if (!strcmp(name, "--still")) options->still = atoi(value);
         else if (!strcmp(name, "--every")) options->every = atoi(value);
         else if (!strcmp(name, "--tolerance")) options->tolerance = atof(value);
         else if (!strcmp(name, "--budget-us")) options->budget_us = strtoull(value, NULL, 10);
+        else if (!strcmp(name, "--budget-mib")) options->budget_bytes = strtoull(value, NULL, 10) << 20;
         else if (!strcmp(name, "--out")) options->out = value;
         else if (!strcmp(name, "--size") && sscanf(value, "%dx%d", &options->width, &options->height) == 2) {}
         else if (!strcmp(name, "--background") && sscanf(value, "%d,%d,%d", colour, colour + 1, colour + 2) == 3) {}
@@ -74,16 +80,18 @@ static int read_options(int count, char **words, struct options *options)
         i += used;
     }
     return !options->file || options->frames < 1 || options->width < 1 || options->height < 1 || options->every < 1
-        || options->steep < 0 || options->still < 0;
+        || options->steep < 0 || options->still < 0 || options->threads < 0;
 }
 
 static int open_terrain(struct flight *flight)
 {
     kmb_repository_info info = {.struct_size = sizeof info};
+    kmb_cut_options cut = {.struct_size = sizeof cut, .vertex_form = KMB_VERTEX_EXPANDED,
+                           .metric = KMB_METRIC_GEOMETRIC, .threads = (uint32_t)flight->options.threads};
     if (kmb_repository_open(flight->options.file, NULL, &flight->repository) != KMB_OK
         || kmb_repository_describe(flight->repository, &info) != KMB_OK
         || kmb_query_create(flight->repository, 64 << 20, &flight->query) != KMB_OK
-        || kmb_cut_create(flight->repository, NULL, &flight->cut) != KMB_OK) {
+        || kmb_cut_create(flight->repository, &cut, &flight->cut) != KMB_OK) {
         return library_error("cannot open");
     }
     flight->terrain = terrain_of(&info, flight->query);
@@ -142,7 +150,7 @@ static int show(struct flight *flight, const struct camera *camera, const char *
     const struct options *options = &flight->options;
     kmb_view view = view_of(camera, &flight->terrain, options->width, options->height, options->tolerance);
     kmb_budget budget = {.struct_size = sizeof budget, .microseconds = options->budget_us,
-                         .refinements = KMB_UNLIMITED, .bytes = KMB_UNLIMITED, .upload_bytes = KMB_UNLIMITED,
+                         .refinements = KMB_UNLIMITED, .bytes = options->budget_bytes, .upload_bytes = KMB_UNLIMITED,
                          .patches = KMB_UNLIMITED};
     *stats = (kmb_stats){.struct_size = sizeof *stats};
     if (kmb_cut_update(flight->cut, &view, &budget, stats) != KMB_OK
@@ -150,6 +158,7 @@ static int show(struct flight *flight, const struct camera *camera, const char *
         || drawing_draw(&flight->drawing, flight->cut, &view, options->background) != KMB_OK) {
         return library_error("cannot draw");
     }
+    if (options->meter) meter_draw(stats, &budget, options->width, options->height);
     glFinish();
     count(&flight->summary, stats);
     if (!name) return 0;
@@ -219,7 +228,8 @@ int main(int count, char **words)
     static struct flight flight;
     if (read_options(count, words, &flight.options)) {
         fprintf(stderr, "usage: flyover FILE.kmb [--frames N] [--size WxH] [--tolerance PX] [--budget-us N] [--out DIR]"
-                        " [--every K] [--wireframe] [--levels] [--background R,G,B] [--steep N] [--still N]\n");
+                        " [--every K] [--wireframe] [--levels] [--meter] [--background R,G,B] [--steep N] [--still N]"
+                        " [--threads N] [--budget-mib N]\n");
         return 2;
     }
     int failed = open_terrain(&flight) || open_picture(&flight) || fly(&flight) || report(&flight);

@@ -5,6 +5,7 @@
  * drag with the left button: look around      drag with the right button: go round what lies ahead
  * W A S D: move, Q E: down and up             wheel: speed
  * F: wire frame    L: colour by level         P: freeze the cut
+ * B: bars of the time and bytes of a frame, and of the diamonds that threads are asked for
  * + -: tolerance   Escape: quit
  *
  * --frames N flies N frames by itself and quits; --screenshot FILE writes the last of them. */
@@ -19,6 +20,7 @@
 
 #include "camera.h"
 #include "drawing.h"
+#include "meter.h"
 #include "picture.h"
 
 static const int SKY[3] = {166, 196, 226};
@@ -37,7 +39,7 @@ struct viewer {
     double heading, pitch; /* radians; heading from east to north */
     double speed;          /* world units a second */
     double cursor[2];
-    int frozen;
+    int frozen, metered;
 };
 
 static struct viewer *viewer_of(GLFWwindow *window) { return glfwGetWindowUserPointer(window); }
@@ -109,6 +111,7 @@ static void on_key(GLFWwindow *window, int key, int code, int action, int modifi
     if (key == GLFW_KEY_ESCAPE) glfwSetWindowShouldClose(window, 1);
     if (key == GLFW_KEY_F) viewer->drawing.wireframe ^= 1;
     if (key == GLFW_KEY_L) viewer->drawing.by_level ^= 1;
+    if (key == GLFW_KEY_B) viewer->metered ^= 1;
     if (key == GLFW_KEY_P) viewer->frozen ^= 1;
     if (key == GLFW_KEY_EQUAL || key == GLFW_KEY_KP_ADD) viewer->tolerance *= 1.25;
     if (key == GLFW_KEY_MINUS || key == GLFW_KEY_KP_SUBTRACT) viewer->tolerance /= 1.25;
@@ -135,10 +138,13 @@ static void move(struct viewer *viewer, double seconds)
 static int open_terrain(struct viewer *viewer)
 {
     kmb_repository_info info = {.struct_size = sizeof info};
+    /* One thread decodes, so that no frame waits for it. */
+    kmb_cut_options cut = {.struct_size = sizeof cut, .vertex_form = KMB_VERTEX_EXPANDED,
+                           .metric = KMB_METRIC_GEOMETRIC, .threads = 1};
     if (kmb_repository_open(viewer->file, NULL, &viewer->repository) != KMB_OK
         || kmb_repository_describe(viewer->repository, &info) != KMB_OK
         || kmb_query_create(viewer->repository, 64 << 20, &viewer->query) != KMB_OK
-        || kmb_cut_create(viewer->repository, NULL, &viewer->cut) != KMB_OK) {
+        || kmb_cut_create(viewer->repository, &cut, &viewer->cut) != KMB_OK) {
         return library_error();
     }
     viewer->terrain = terrain_of(&info, viewer->query);
@@ -190,13 +196,14 @@ static int show_frame(struct viewer *viewer, kmb_stats *stats, int last)
     kmb_view view = view_of(&viewer->camera, &viewer->terrain, width, height, viewer->tolerance);
     /* 8 ms leave the rest of a 60th of a second to the drawing. */
     kmb_budget budget = {.struct_size = sizeof budget, .microseconds = 8000,
-                         .refinements = viewer->frozen ? 0 : KMB_UNLIMITED, .bytes = KMB_UNLIMITED,
+                         .refinements = viewer->frozen ? 0 : KMB_UNLIMITED, .bytes = 512 << 20,
                          .upload_bytes = 32 << 20, .patches = KMB_UNLIMITED};
     if (kmb_cut_update(viewer->cut, &view, &budget, stats) != KMB_OK
         || drawing_update(&viewer->drawing, viewer->cut) != KMB_OK
         || drawing_draw(&viewer->drawing, viewer->cut, &view, SKY) != KMB_OK) {
         return library_error();
     }
+    if (viewer->metered) meter_draw(stats, &budget, width, height);
     if (last && viewer->screenshot && take_picture(viewer, width, height)) return 1;
     glfwSwapBuffers(viewer->window);
     return 0;
@@ -234,6 +241,7 @@ static int run(struct viewer *viewer)
 static int read_options(int count, char **words, struct viewer *viewer)
 {
     viewer->tolerance = 1;
+    viewer->metered = 1;
     for (int i = 1; i < count; i++) {
         const char *value = i + 1 < count ? words[i + 1] : "";
         if (words[i][0] != '-' && !viewer->file) viewer->file = words[i];

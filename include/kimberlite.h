@@ -516,6 +516,16 @@ typedef enum kmb_vertex_form {
     KMB_VERTEX_EXPANDED = 1,
 } kmb_vertex_form;
 
+// What a cut's tolerance is about.
+typedef enum kmb_metric {
+    // How far a point of the finest surface may be, on the screen, from the drawn point at the same place. No more
+    // than the scene needs: flat land stays coarse.
+    KMB_METRIC_GEOMETRIC = 0,
+    // How large the drawn triangles may be: the side of a square as large as the mean triangle of a half. It bounds no
+    // error.
+    KMB_METRIC_SAMPLING = 1,
+} kmb_metric;
+
 // The patches that a viewer draws, kept from frame to frame.
 typedef struct kmb_cut kmb_cut;
 

@@ -25,7 +25,11 @@ const SECTIONS: [(&str, &str, &[&str]); 10] = [
         &[],
     ),
     ("Patches: what is drawn", "patch", &[]),
-    ("Cuts: from views to patches", "cut", &["kmb_vertex_form"]),
+    (
+        "Cuts: from views to patches",
+        "cut",
+        &["kmb_vertex_form", "kmb_metric"],
+    ),
     (
         "Builders: from rows to repositories",
         "builder",
@@ -90,4 +94,28 @@ fn the_header_is_that_of_the_sources() {
         "include/kimberlite.h differs from src/ffi/ at line {:?}; KMB_WRITE_HEADER=1 writes it",
         differs.map(|line| line + 1)
     );
+}
+
+/// Those that only appear as numbers must be asked for by name.
+#[test]
+fn every_type_of_the_interface_is_in_the_header() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let header = fs::read_to_string(root.join("include/kimberlite.h")).expect("the header");
+    let mut count = 0;
+    for entry in fs::read_dir(root.join("src/ffi")).expect("the sources") {
+        let source = fs::read_to_string(entry.expect("a source").path()).expect("a source");
+        let words = source.lines().filter_map(|line| {
+            let rest = line
+                .strip_prefix("pub struct ")
+                .or_else(|| line.strip_prefix("pub enum "))?;
+            rest.split([' ', '(', ';']).next()
+        });
+        for name in words.filter(|name| name.starts_with("kmb_")) {
+            let is_there = header.contains(&format!("}} {name};"))
+                || header.contains(&format!("struct {name} {name};"));
+            assert!(is_there, "{name} is missing");
+            count += 1;
+        }
+    }
+    assert!(count > 20, "{count} types");
 }

@@ -106,6 +106,19 @@ impl WorkingStore {
     }
 }
 
+/// Removes the folder of a working store. The database is the first to go: a removal that is cut short leaves files that
+/// mean nothing, and the next build begins anew among them.
+pub(super) fn remove(folder: &Path) -> Result<()> {
+    let database = folder.join(DATABASE);
+    let removed = match std::fs::remove_file(&database) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    };
+    removed
+        .and_then(|()| std::fs::remove_dir_all(folder))
+        .map_err(Error::io(folder, "cannot remove"))
+}
+
 /// Removes what unfinished builds of an output left: the working store, and temporary files with its name. Not for
 /// while one is running: only a working store tells that. Returns what was removed.
 ///
@@ -121,7 +134,7 @@ pub fn clean(output: &Path) -> Result<Vec<PathBuf>> {
             let message = format!("{}: a build is using it", folder.display());
             return Err(Error::Argument(message));
         }
-        std::fs::remove_dir_all(&folder).map_err(Error::io(&folder, "cannot remove"))?;
+        remove(&folder)?;
         removed.push(folder);
     }
     let prefix = dotted(output, ".");

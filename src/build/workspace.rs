@@ -1,6 +1,6 @@
 //! Where a build keeps what it does not need at once: in memory, or in temporary files.
 
-use super::working_store::WorkingStore;
+use super::working_store::{self, WorkingStore};
 use crate::positioned::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 use std::fs::{File, OpenOptions};
@@ -71,7 +71,7 @@ impl Workspace {
         };
         let folder = store.folder.clone();
         drop(store);
-        std::fs::remove_dir_all(&folder).map_err(Error::io(&folder, "cannot remove"))
+        working_store::remove(&folder)
     }
 
     /// Whether what is saved is kept.

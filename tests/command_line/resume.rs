@@ -113,6 +113,28 @@ fn an_unfinished_build_of_other_options_is_told_and_can_be_removed() {
 }
 
 #[test]
+fn a_build_killed_while_it_removes_its_store_leaves_nothing_in_the_way() {
+    let folder = Folder::new();
+    let (output, store) = (folder.path("a.kmb"), folder.path(".a.kmb.work"));
+    let files = || std::fs::read_dir(&store).map_or(0, |entries| entries.count());
+    let mut left = 0;
+    for _ in 0..20 {
+        let mut killed = start_build(&output, "10");
+        let mut most = 0;
+        while killed.try_wait().unwrap().is_none() && (files() >= most || !output.exists()) {
+            most = most.max(files());
+        }
+        killed.kill().unwrap();
+        killed.wait().unwrap();
+        left += usize::from(files() > 0);
+        build(&output, "10");
+        assert!(!store.exists());
+        std::fs::remove_file(&output).unwrap();
+    }
+    assert!(left > 0, "none was killed in time");
+}
+
+#[test]
 fn a_store_whose_maker_was_killed_half_way_does_not_stand_in_the_way() {
     let folder = Folder::new();
     let output = folder.path("a.kmb");
