@@ -13,3 +13,4 @@ mod scenes;
 #[path = "../support/mod.rs"]
 mod support;
 mod threads;
+mod viewers;

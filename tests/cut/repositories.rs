@@ -26,7 +26,7 @@ pub fn repository(source: &MemorySource, options: &BuildOptions) -> Arc<Terrain>
     Arc::new(terrain)
 }
 
-fn build_at(path: &Path, source: &MemorySource, options: &BuildOptions) {
+pub fn build_at(path: &Path, source: &MemorySource, options: &BuildOptions) {
     let raster = &source.raster;
     let mut info = RasterInfo::new(raster.width, raster.height, SampleType::I16);
     let (frame, [offset, scale]) = (source.frame(), source.height_to_world());
