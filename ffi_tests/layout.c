@@ -128,6 +128,17 @@ static void structs(void)
     AT(kmb_stats, fixed_microseconds, 80);
     AT(kmb_stats, microseconds, 88);
     AT(kmb_stats, awaited, 96);
+    SIZE(kmb_ray, 64);
+    AT(kmb_ray, struct_size, 0);
+    AT(kmb_ray, reserved, 4);
+    AT(kmb_ray, origin, 8);
+    AT(kmb_ray, direction, 32);
+    AT(kmb_ray, longest, 56);
+    SIZE(kmb_hit, 40);
+    AT(kmb_hit, struct_size, 0);
+    AT(kmb_hit, level, 4);
+    AT(kmb_hit, distance, 8);
+    AT(kmb_hit, place, 16);
     SIZE(kmb_grid_to_world, 56);
     AT(kmb_grid_to_world, struct_size, 0);
     AT(kmb_grid_to_world, reserved, 4);

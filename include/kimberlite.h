@@ -438,6 +438,61 @@ kmb_status kmb_read_window(const kmb_repository *repository,
                            uint64_t *coarse_samples);
 
 /* ================================================================================================
+ * Rays and lines of sight
+ * ================================================================================================ */
+
+// A half line, or a part of one, in world coordinates.
+typedef struct kmb_ray {
+    // sizeof(kmb_ray).
+    uint32_t struct_size;
+    // 0.
+    uint32_t reserved;
+    // Where it begins.
+    double origin[3];
+    // Where it goes; of any length above 0.
+    double direction[3];
+    // It ends at origin + longest * direction; may be infinite.
+    double longest;
+} kmb_ray;
+
+// Where a ray meets the surface.
+typedef struct kmb_hit {
+    // sizeof(kmb_hit).
+    uint32_t struct_size;
+    // Level of the triangle that is met.
+    uint32_t level;
+    // The place is origin + distance * direction.
+    double distance;
+    // World coordinates.
+    double place[3];
+} kmb_hit;
+
+// Gives the nearest place at which a ray meets the finest surface, from above or from below; where detail
+// is missing since a repair, the coarser one that remains. The caller sets hit->struct_size. Voids
+// let rays through; between triangles none slips.
+//
+// Exclusive: no other call may use the query at the same time.
+//
+// Returns KMB_OK; KMB_OUTSIDE (it meets nothing); KMB_INVALID_ARGUMENT (also for numbers that are
+// not finite but `longest`, no direction, or a `longest` below 0); KMB_INVALID_STRUCT_SIZE; KMB_IO;
+// KMB_DAMAGED; KMB_PANIC.
+kmb_status kmb_ray_intersect(kmb_query *query,
+                             const struct kmb_ray *ray,
+                             struct kmb_hit *hit);
+
+// Tells whether the straight line between two places in world coordinates, 3 doubles each, meets the
+// finest surface nowhere but at its ends: *visible becomes 1, else 0.
+//
+// Exclusive: no other call may use the query at the same time.
+//
+// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for coordinates that are not finite); KMB_IO;
+// KMB_DAMAGED; KMB_PANIC.
+kmb_status kmb_line_of_sight(kmb_query *query,
+                             const double *from,
+                             const double *to,
+                             int32_t *visible);
+
+/* ================================================================================================
  * Patches: what is drawn
  * ================================================================================================ */
 

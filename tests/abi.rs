@@ -13,6 +13,7 @@ use kimberlite::ffi::cut::{
 use kimberlite::ffi::patch::kmb_patch_info;
 use kimberlite::ffi::query::{KMB_UNLIMITED, kmb_height};
 use kimberlite::ffi::raster::{kmb_raster_info, kmb_raster_options};
+use kimberlite::ffi::ray::{kmb_hit, kmb_ray};
 use kimberlite::ffi::repair::kmb_repair_report;
 use kimberlite::ffi::repository::{
     kmb_access, kmb_kind, kmb_open_options, kmb_registration, kmb_repository_info, kmb_sample_type,
@@ -69,6 +70,8 @@ fn structs_lie_as_c_programs_were_compiled() {
         32, added 40, removed 48, bytes 56, late_refinements 64, largest_error 72,
         fixed_microseconds 80, microseconds 88, awaited 96
     );
+    layout!(kmb_ray, 64, struct_size 0, reserved 4, origin 8, direction 32, longest 56);
+    layout!(kmb_hit, 40, struct_size 0, level 4, distance 8, place 16);
     layout!(kmb_grid_to_world, 56, struct_size 0, reserved 4, origin 8, step 32);
     layout!(
         kmb_builder_options, 56, struct_size 0, sample_type 4, width 8, height 12, max_error 16,

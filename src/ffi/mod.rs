@@ -11,6 +11,7 @@
 //! | `cut.rs` | cuts: what a viewer draws |
 //! | `patch.rs` | patches of a cut |
 //! | `query.rs` | heights and windows of samples, without any view |
+//! | `ray.rs` | rays and lines of sight |
 //! | `builder.rs` | building repositories from rows |
 //! | `update.rs` | other samples in a part of a repository |
 //! | `repair.rs` | what is left of a damaged repository |
@@ -29,6 +30,7 @@ pub mod cut;
 pub mod patch;
 pub mod query;
 pub mod raster;
+pub mod ray;
 pub mod repair;
 pub mod repository;
 pub mod status;

@@ -35,7 +35,7 @@ unsafe impl SizedStruct for kmb_height {
 /// Answers questions about a repository from a cache of its own.
 pub struct kmb_query {
     broken: AtomicBool,
-    query: Query,
+    pub(super) query: Query,
 }
 
 impl Handle for kmb_query {
