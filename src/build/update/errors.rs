@@ -2,7 +2,7 @@
 //! ancestors what lies outside the rectangle need not be looked at, because it cannot have made their error what
 //! it is, or certainly has.
 
-use super::changes::Changes;
+use super::changes::{Change, Changes};
 use super::decoder::Decoder;
 use super::search::Search;
 use super::{Predecessor, Replacement};
@@ -50,22 +50,26 @@ pub(super) fn renewed(
             continue;
         };
         let extent = extent_of(lattice, any);
+        let boxes = |diamond: &Diamond| {
+            let change = changes.get(*diamond);
+            let own = change.map(|change| box_of_changes(old, new, *diamond, change));
+            around(old, own.unwrap_or(new.corners()), extent)
+        };
+        let boxes: Vec<_> = concerned.iter().map(boxes).collect();
         let usual = around(old, new.corners(), extent);
-        let sight = surroundings.each_ref().map(|tile| tile.part(usual));
-        for &diamond in &concerned {
+        let corners = hull_if_small(usual, &boxes);
+        let sight = if hull_of(corners, widest) == widest {
+            surroundings.each_ref().map(|tile| tile.part(corners))
+        } else {
+            tiles(old, new, &mut before, corners)?
+        };
+        for (&diamond, own) in concerned.iter().zip(boxes) {
             let renewal = Renewal::new(old, diamond, &former, &codes);
             let decided = match changes.get(diamond) {
+                _ if hull_of(corners, own) != corners => None,
                 Some(change) => {
                     let states = [&change.before.vertices, &change.after.vertices];
-                    let [was, is] = states;
-                    let corners = around(old, box_of_changes(old, new, diamond, was, is), extent);
-                    if corners == usual {
-                        renewal.decide(old, &sight, states)
-                    } else if area(corners) <= MOST_LOOKED_AT {
-                        renewal.decide(old, &tiles(old, new, &mut before, corners)?, states)
-                    } else {
-                        None
-                    }
+                    renewal.decide(old, &sight, states)
                 }
                 None => {
                     let state = before.state(diamond)?;
@@ -104,6 +108,23 @@ fn around(old: &Predecessor, [first, last]: [[i64; 2]; 2], reach: i64) -> [[i64;
         first.map(|start| (start - reach).max(0)),
         [0, 1].map(|axis| (last[axis] + reach).min(ends[axis])),
     ]
+}
+
+/// The least box with all of these, or the first one where that is too large to be looked at.
+fn hull_if_small(first: [[i64; 2]; 2], others: &[[[i64; 2]; 2]]) -> [[i64; 2]; 2] {
+    let hull = others.iter().fold(first, |hull, own| hull_of(hull, *own));
+    match area(hull) <= MOST_LOOKED_AT {
+        true => hull,
+        false => first,
+    }
+}
+
+/// The least box with two others.
+fn hull_of(one: [[i64; 2]; 2], other: [[i64; 2]; 2]) -> [[i64; 2]; 2] {
+    let fold = |end: usize, pick: fn(i64, i64) -> i64| {
+        [0, 1].map(|axis| pick(one[end][axis], other[end][axis]))
+    };
+    [fold(0, i64::min), fold(1, i64::max)]
 }
 
 fn area([first, last]: [[i64; 2]; 2]) -> i64 {
@@ -175,10 +196,10 @@ fn box_of_changes(
     old: &Predecessor,
     new: &Replacement,
     diamond: Diamond,
-    before: &Matrix,
-    after: &Matrix,
+    change: &Change,
 ) -> [[i64; 2]; 2] {
     let mut corners = new.corners();
+    let [before, after] = [&change.before.vertices, &change.after.vertices];
     if before == after {
         return corners;
     }
@@ -194,9 +215,7 @@ fn box_of_changes(
                 let is_same = before.values[index] == after.values[index]
                     && before.is_valid(index) == after.is_valid(index);
                 if !is_same {
-                    let place = placement.vertex(i, j);
-                    corners[0] = [0, 1].map(|axis| corners[0][axis].min(place[axis]));
-                    corners[1] = [0, 1].map(|axis| corners[1][axis].max(place[axis]));
+                    corners = hull_of(corners, [placement.vertex(i, j); 2]);
                 }
             }
         }
