@@ -149,7 +149,10 @@ fn fly(
         }
     }
     let mean = |sum: u64| sum as f64 / f64::from(measured);
-    let sum: f64 = screen.errors.iter().map(|&error| f64::from(error)).sum();
+    let sum = screen
+        .errors
+        .iter()
+        .fold(0.0, |sum, &error| sum + f64::from(error));
     let samples = screen.errors.len();
     if samples == 0 {
         screen.errors.push(0.0);

@@ -16,7 +16,7 @@ const MOST_PATCHES: u64 = 4000;
 const LEAST_PATCHES: u64 = 40;
 /// From the coarsest tolerance on, in pixels, each is the one before divided by the factor.
 const COARSEST: f64 = 256.0;
-const FACTOR: f64 = 1.5;
+const FACTOR: f64 = 1.25;
 const FINEST: f64 = 0.01;
 /// Updates that settle a cut before frames are timed.
 const SETTLING: usize = 3;
