@@ -139,10 +139,13 @@ def jump(path, terrain):
     rows = read(path)
     for row in rows:
         row["budget"] = row["budget"] if isinstance(row["budget"], str) else f"{row['budget']:.0f}"
-    finite = [row["largest_error"] for row in rows if 0 < row["largest_error"] < float("inf")]
+    rows = [row for row in rows if row["largest_error"] < math.inf]
+    errors = log_axis("", [row["largest_error"] for row in rows if row["largest_error"] > 0])
+    if any(row["largest_error"] == 0 for row in rows):
+        errors.zero, errors.ticks = True, [0, *errors.ticks]
     x = Axis("milliseconds since the jump, at 60 frames a second", 0, 1.02 * max(row["milliseconds"] for row in rows))
     charts = {
-        "error": ("largest_error", "What is left", "largest projected error, pixels", log_axis("", finite)),
+        "error": ("largest_error", "What is left", "largest projected error, pixels", errors),
         "refined": ("refined", "What is refined", "diamonds refined", Axis("", 0, 1.05 * max(row["refined"] for row in rows))),
     }
     for ending, (column, title, label, y) in charts.items():
@@ -150,8 +153,7 @@ def jump(path, terrain):
         subtitle = "from an overview to the ground, tolerance of 1 pixel; one curve for each budget of time for an update"
         chart = Chart(f"{title} after a jump: {terrain}", subtitle, x, y, 160)
         for budget, (label, style) in BUDGETS.items():
-            of_budget = [row for row in rows if row["budget"] == budget and 0 < row["largest_error"] < float("inf")]
-            points = [(row["milliseconds"], row[column]) for row in of_budget]
+            points = [(row["milliseconds"], row[column]) for row in rows if row["budget"] == budget]
             chart.curve(points, label, style, max(1, round(len(points) / 12)))
         path.with_name(f"{path.stem}_{ending}.svg").write_text(chart.render())
 

@@ -18,6 +18,8 @@ const LEAST_PATCHES: u64 = 40;
 const COARSEST: f64 = 256.0;
 const FACTOR: f64 = 1.25;
 const FINEST: f64 = 0.01;
+/// Where a finer tolerance does not add patches by this factor, all that can be seen is refined.
+const GROWTH: f64 = 1.02;
 /// Updates that settle a cut before frames are timed.
 const SETTLING: usize = 3;
 /// Budgets of the frames after a jump, in microseconds.
@@ -58,6 +60,9 @@ pub fn frames(terrain: &Arc<Terrain>, flights: &[Flight]) -> Result<Table> {
             refined += stats.refined;
         }
         let middle = quantile(&mut patches, 0.5);
+        if most >= LEAST_PATCHES && middle < GROWTH * most as f64 {
+            break;
+        }
         most = middle as u64;
         if most >= LEAST_PATCHES {
             table.add(&[
