@@ -2,7 +2,10 @@
 # make check   every test and check of the project
 # make sweep   DATA=folder: builds, verifies and extracts every raster of a folder by every transform and coder at three errors and lossless
 # make peers   measures other codecs and ours on the same rasters at the same maximum errors; DATA=folder, ARGS=more options
-# make chart   the same for the charts of docs/charts/, and redraws them; ARGS=--redraw draws the last measurements again, IMAGE=file adds colour
+# make chart   the same for the charts of docs/charts/, and redraws them, then make flights; ARGS=--redraw draws the last measurements again,
+#              IMAGE=file adds colour, FILE=x.kmb is flown over
+# make flights triangles against the error on the screen, the time of an update, and recovery from a jump, for docs/charts/: over FILE=x.kmb, else over
+#              the largest GeoTIFF of DATA or data/, built at a max error of 1; ARGS="--parts frame,jump" only what is timed
 # make storage the same blocks in our file, LMDB, redb and SQLite: size, opening, look-ups, scans; FILE=x.kmb, ARGS="--grow MIB" repeats its blocks
 # make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads; a build killed at fifty
 #              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory;
@@ -19,7 +22,7 @@ KMB := target/release/kmb
 PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick python3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo check deps build library examples header sweep peers chart storage soak clean
+.PHONY: demo check deps build library examples header sweep peers chart flights storage soak clean
 
 deps:
 	@missing=""; for p in $(PACKAGES); do dpkg -s $$p 2>/dev/null | grep -q '^Status: install ok installed' || missing="$$missing $$p"; done; \
@@ -60,7 +63,25 @@ chart:
 	cargo build --release --locked
 	cargo test --locked --test terrain depth -- --nocapture | grep -E '^(e|[0-9]+),' > docs/charts/depth.csv
 	bash benches/peers/run.sh chart $(if $(DATA),--data "$(abspath $(DATA))") $(ARGS)
-	$(if $(IMAGE),bash benches/peers/run.sh colour "$(abspath $(IMAGE))" --csv docs/charts/colour.csv --svg docs/charts/colour.svg)
+	$(if $(IMAGE),bash benches/peers/run.sh colour "$(abspath $(IMAGE))" --csv docs/charts/colour.csv --svg docs/charts/colour.svg,\
+		@echo "no IMAGE=file: colour is not measured again")
+	$(if $(findstring --redraw,$(ARGS)),python3 -B benches/peers/flights.py docs/charts,$(MAKE) flights ARGS=)
+
+# A package of its own, as check need not compile it.
+flights:
+	@mkdir -p target/flights
+	cargo build --release --locked
+	cargo build --release --locked --manifest-path benches/flights/Cargo.toml --target-dir target
+	@set -e; file="$(FILE)"; folder="$(or $(DATA),data)"; \
+	if [ -z "$$file" ]; then \
+		raster=$$(ls -S "$$folder"/*.tif 2>/dev/null | head -n 1); \
+		if [ -z "$$raster" ]; then echo "flights: skipped, there is no GeoTIFF in $$folder and no FILE=x.kmb"; exit 0; fi; \
+		echo "flights: no FILE=x.kmb, so over $$raster; its other rasters are skipped"; \
+		file=target/flights/$$(basename "$$raster" .tif).kmb; \
+		$(KMB) build "$$raster" -o "$$file" --max-error 1; \
+	fi; \
+	target/release/flights-bench "$$file" --out docs/charts $(ARGS); \
+	python3 -B benches/peers/flights.py docs/charts
 
 # Its own package, as check need not compile three databases.
 storage:

@@ -114,14 +114,14 @@ class Chart:
         fill = colour if style.bold else "#fff"
         self.body.append(f'<g stroke="{colour}" fill="{fill}">{MARKERS[style.marker](*place)}</g>')
 
-    def curve(self, points, label, style):
-        """`points` (x, y) in order; the label stands to the right of the last."""
+    def curve(self, points, label, style, every=1):
+        """`points` (x, y) in order, a marker at the first of `every` so many; the label stands to the right of the last."""
         places = [self.at(x, y) for x, y in points]
         dash = f' stroke-dasharray="{style.dash}"' if style.dash else ""
         look = 'stroke="#000" stroke-width="2.2"' if style.bold else 'stroke="#555" stroke-width="1.2"'
         line = " ".join(f"{number(x)},{number(y)}" for x, y in places)
         self.body.append(f'<polyline points="{line}" fill="none" {look}{dash}/>')
-        for place in places:
+        for place in places[::every]:
             self.marker(place, style)
         self.ends.append((*places[-1], label, style))
 
