@@ -41,11 +41,13 @@ fn report(threads: usize) {
         // To and fro, so that the diamond is dropped and comes again.
         let target = [x, y, if turn % 2 == 0 { 0.0 } else { 20_000.0 }];
         let view = looking([x, y, 10_000.0], target, 1.0, 1.0);
-        for _ in 0..20 {
-            cut.update(&view, &Budget::UNLIMITED).unwrap();
-            if threads > 0 {
-                std::thread::sleep(Duration::from_millis(1));
+        // Threads take their time.
+        for _ in 0..10_000 {
+            let stats = cut.update(&view, &Budget::UNLIMITED).unwrap();
+            if stats.refined + stats.coarsened + stats.awaited == 0 {
+                break;
             }
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
     kimberlite::set_log_callback(None);

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// Most requests for each thread: about what it decodes between two frames.
 const REQUESTS: u64 = 64;
-/// The part of a cut's bytes that requests and answers may take, but for one of them.
+/// The part of a cut's bytes that requests and answers may take, but for those of one chain.
 const SHARE: u64 = 8;
 
 /// Where a cut gets the details of its diamonds from.
@@ -23,6 +23,8 @@ pub(super) struct Supply {
     threads: u64,
     /// Bytes of a diamond on its way.
     each: u64,
+    /// Room that any chain needs: two diamonds of each level.
+    least: u64,
     /// Most that may be wanted or ready.
     capacity: usize,
     ready: HashMap<Diamond, Ready>,
@@ -66,11 +68,13 @@ impl Supply {
         // Vertices on both levels and centres, with their masks.
         let entries = 2 * (cells + 1) * (cells + 1) + cells * cells;
         let each = entries * (size_of::<i32>() as u64 + 1);
+        let least = 2 * u64::from(source.lattice().levels().max(1));
         Ok(Supply {
             source,
             workers,
             threads: threads as u64,
             each,
+            least,
             capacity: 0,
             ready: HashMap::new(),
             wanted: Vec::new(),
@@ -87,7 +91,7 @@ impl Supply {
             return 0;
         }
         let share = budget / SHARE / self.each;
-        let capacity = share.clamp(1, REQUESTS * self.threads);
+        let capacity = share.min(REQUESTS * self.threads).max(self.least);
         self.capacity = capacity as usize;
         self.each * (capacity + self.threads)
     }

@@ -18,6 +18,9 @@ const THREADED: CutOptions = CutOptions {
     ..EXPANDED
 };
 
+/// Far more than what is waited for takes.
+const PATIENCE: Duration = Duration::from_secs(60);
+
 /// A source that answers as it is told.
 struct Gate {
     source: Arc<MemorySource>,
@@ -121,7 +124,7 @@ fn stand(at: f64) -> Stand {
 /// Still frames until nothing changes and nothing is awaited any more.
 fn settle_threaded(cut: &mut Cut, view: &View, budget: &Budget) -> Stats {
     let began = Instant::now();
-    while began.elapsed() < Duration::from_secs(5) {
+    while began.elapsed() < PATIENCE {
         let stats = cut.update(view, budget).unwrap();
         assert!(stats.budget_too_small || stats.patches <= budget.patches);
         assert!(stats.budget_too_small || stats.bytes <= budget.bytes);
@@ -161,9 +164,16 @@ proptest! {
         let source = Arc::new(scene.source());
         let here = view(&source, stand);
         let budget = Budget { bytes, ..Budget::UNLIMITED };
-        let mut cut = Cut::new(source.clone(), THREADED).unwrap();
-        settle_threaded(&mut cut, &here, &budget);
-        prop_assert_eq!(cracks(&cut, &source), 0);
+        let frozen = Budget { refinements: 0, ..budget };
+        let mut alone = Cut::new(source.clone(), EXPANDED).unwrap();
+        let mut threaded = Cut::new(source.clone(), THREADED).unwrap();
+        let [with, without] = [&mut threaded, &mut alone].map(|cut| cut.update(&here, &frozen).unwrap().bytes);
+        let stats = settle_threaded(&mut threaded, &here, &budget);
+        prop_assert_eq!(cracks(&threaded, &source), 0);
+        // As good as without threads in the bytes that are left.
+        let rest = Budget { bytes: bytes.saturating_sub(with - without), ..budget };
+        let best = settle(&mut alone, &here, &rest).largest_error.max(stand.tolerance);
+        prop_assert!(stats.largest_error <= 1.05 * best, "{:?} of {}", stats, best);
     }
 }
 
@@ -175,36 +185,28 @@ fn a_source_that_never_answers_holds_no_frame_up() {
     });
     let mut cut = Cut::new(source.clone(), THREADED).unwrap();
     let began = Instant::now();
-    let mut refined = 0;
-    for frame in 0..500 {
-        let here = view(&source.source, stand(f64::from(frame) / 1000.0));
+    let (mut refined, mut frame) = (0, 0);
+    while frame < 500 || refined < 10 {
+        let here = view(&source.source, stand(f64::from(frame % 500) / 1000.0));
         let stats = cut.update(&here, &Budget::UNLIMITED).unwrap();
         refined += stats.refined;
+        frame += 1;
         assert!(stats.cut_short);
         assert_eq!(cracks(&cut, &source.source), 0);
         if refined < 10 {
+            assert!(began.elapsed() < PATIENCE, "what answers is refined");
             std::thread::sleep(Duration::from_millis(1));
         }
     }
-    assert!(refined >= 10, "what answers is refined: {refined}");
-    assert!(began.elapsed() < Duration::from_secs(60));
-    assert!(
-        source
-            .asked
-            .lock()
-            .unwrap()
-            .values()
-            .all(|&times| times == 1)
-    );
+    let asked = source.asked.lock().unwrap().clone();
+    let mut stalled = asked.iter().filter(|(diamond, _)| diamond.level() > 3);
+    assert!(stalled.all(|(_, &times)| times == 1));
     let dropped = Instant::now();
     drop(cut);
     assert!(dropped.elapsed() < Duration::from_secs(10), "nor the end");
     source.open();
     while Arc::strong_count(&source) > 1 {
-        assert!(
-            dropped.elapsed() < Duration::from_secs(60),
-            "threads remain"
-        );
+        assert!(dropped.elapsed() < PATIENCE, "threads remain");
         std::thread::sleep(Duration::from_millis(1));
     }
 }
@@ -236,8 +238,8 @@ fn answers_late_and_out_of_order_with_errors_leave_a_legal_cut() {
         _ => Conduct::AtOnce,
     });
     let mut cut = Cut::new(source.clone(), THREADED).unwrap();
-    let mut refined = 0;
-    for frame in 0..400 {
+    let (mut refined, mut frame, began) = (0, 0, Instant::now());
+    while frame < 400 || refined < 50 {
         let at = f64::from(frame % 200) / 250.0;
         let here = view(&source.source, stand(at));
         let budget = Budget {
@@ -245,9 +247,13 @@ fn answers_late_and_out_of_order_with_errors_leave_a_legal_cut() {
             ..Budget::UNLIMITED
         };
         refined += cut.update(&here, &budget).unwrap().refined;
+        frame += 1;
         assert_eq!(cracks(&cut, &source.source), 0);
+        if refined < 50 {
+            assert!(began.elapsed() < PATIENCE, "{refined} refinements");
+            std::thread::sleep(Duration::from_micros(200));
+        }
     }
-    assert!(refined > 50, "{refined}");
     let here = view(&source.source, stand(0.3));
     settle_threaded(&mut cut, &here, &Budget::UNLIMITED);
     assert_eq!(cracks(&cut, &source.source), 0);
