@@ -270,6 +270,27 @@ impl Tile {
         self.voids[self.index(at)]
     }
 
+    /// The sums of two decoded heights of a component, here and wherever else both step by step come to; `None` where either
+    /// is void. Not to be followed beyond the tile.
+    pub(super) fn sums(
+        &self,
+        component: usize,
+        places: [[i64; 2]; 2],
+        [column, row]: [i64; 2],
+    ) -> impl Iterator<Item = Option<i64>> {
+        let own = &self.heights[component * self.voids.len()..];
+        let step = row * (self.last[0] - self.first[0] + 1) + column;
+        let [one, other] = places.map(|at| self.index(at));
+        (0..).map(move |count| {
+            let ahead = (count * step) as isize;
+            let ends = [one, other].map(|index| index.wrapping_add_signed(ahead));
+            if self.any_void && ends.iter().any(|end| self.voids[*end]) {
+                return None;
+            }
+            Some(ends.iter().map(|end| i64::from(own[*end])).sum())
+        })
+    }
+
     /// The decoded heights of a component in a row of the tile, from one column to another, both included.
     pub(super) fn heights(&self, component: usize, row: i64, columns: [i64; 2]) -> &[i32] {
         let own = &self.heights[component * self.voids.len()..];

@@ -3,6 +3,7 @@
 mod bound;
 mod builder;
 mod coding;
+mod crossings;
 mod descent;
 mod diagonals;
 mod filtered;

@@ -1,5 +1,6 @@
 //! The stored error of each diamond: how far its own triangles are from the leaf surface.
 
+use super::crossings::greatest_distance;
 use super::leaf::Tile;
 use super::triangles::Surface;
 use crate::codec::Matrix;
@@ -16,15 +17,6 @@ pub(super) struct Finding {
 }
 
 impl Finding {
-    /// Of a part without voids.
-    pub(super) fn of_distance(distance: f64) -> Finding {
-        Finding {
-            distance,
-            any_surface: true,
-            any_void: false,
-        }
-    }
-
     /// Takes in what another part shows.
     pub(super) fn merge(&mut self, other: Finding) {
         self.distance = self.distance.max(other.distance);
@@ -113,7 +105,7 @@ pub(super) fn look_at(
 ) -> Finding {
     let (cells, extent) = (lattice.cells(), extent_of(lattice, diamond));
     let place = Place::new(lattice, diamond, tile);
-    let (mut largest, mut any_void) = (0i64, false);
+    let (mut largest, mut any_void, mut crossings) = (0i64, false, 0f64);
     let own = vertices.values.chunks_exact((cells + 1) * (cells + 1));
     for (component, vertices) in own.enumerate() {
         let mut surface = Surface::new(
@@ -132,9 +124,11 @@ pub(super) fn look_at(
             let [u, v] = coordinates(lattice, diamond, line.first());
             largest = largest.max(surface.greatest_difference([u, v], line.step(), heights));
         }
+        let part = (tile, component);
+        crossings = crossings.max(greatest_distance(lattice, diamond, vertices, part));
     }
     Finding {
-        distance: largest as f64 / extent as f64,
+        distance: crossings.max(largest as f64 / extent as f64),
         any_void,
         any_surface: any_void && draws_any(lattice, diamond, vertices)
             || has_voids && place.has_ground(),
@@ -272,7 +266,6 @@ impl<'a> Place<'a> {
 
     /// Whether any leaf triangle with three valid vertices lies in the closed square and the tile.
     fn has_ground(&self) -> bool {
-        let shift = self.lattice.cells_log2();
         let inside = |[column, row]: [i64; 2]| {
             self.rows().contains(&row) && self.columns(row).contains(&column)
         };
@@ -287,7 +280,7 @@ impl<'a> Place<'a> {
                 [(column, row), (column, row - 1)]
                     .into_iter()
                     .any(|(x, y)| {
-                        let main = ((x >> shift) + (y >> shift)) % 2 == 0;
+                        let main = self.lattice.has_main_leaf_cell([x, y]);
                         split([[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]], main)
                             .into_iter()
                             .any(drawn)

@@ -106,8 +106,7 @@ impl Query {
         ];
         let (a, b) = (column - cell[0], row - cell[1]);
         let [x, y] = cell.map(|index| index as i64);
-        let shift = self.terrain.lattice().cells_log2();
-        let main = ((x >> shift) + (y >> shift)) % 2 == 0;
+        let main = self.terrain.lattice().has_main_leaf_cell([x, y]);
         let corners = coarse::triangle(main, coarse::is_in_first(main, a, b), a, b);
         let mut sample = 0.0;
         for (corner, weight) in corners {

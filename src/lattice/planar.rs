@@ -174,6 +174,12 @@ impl Lattice {
         (corner(diamond.x) + corner(diamond.y)) % 2 == 0
     }
 
+    /// The same of the leaf level's cell from this sample to the next column and row.
+    pub fn has_main_leaf_cell(&self, [column, row]: [i64; 2]) -> bool {
+        let shift = self.cells_log2();
+        ((column >> shift) + (row >> shift)) % 2 == 0
+    }
+
     /// The matrix corner that is the apex of each half.
     pub fn apexes(&self, diamond: Diamond) -> [Apex; 2] {
         if self.has_main_hypotenuse(diamond) {

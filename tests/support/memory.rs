@@ -295,7 +295,9 @@ impl<'a> Summaries<'a> {
         let mut error = 0.0f64;
         for row in extent(1, lattice.height()) {
             for column in extent(0, lattice.width()) {
-                let Some(own) = self.interpolated(diamond, &placement, [column, row]) else {
+                error = error.max(self.middle_error(diamond, &placement, [column, row]));
+                let at = [column as f64, row as f64];
+                let Some(own) = self.interpolated(diamond, &placement, at) else {
                     continue;
                 };
                 let found = match (self.source.raster.at([column, row]), own) {
@@ -308,20 +310,35 @@ impl<'a> Summaries<'a> {
         error
     }
 
-    /// Height of the diamond's own triangles at a sample: the outer `None` where it is not in the
+    /// The distance in the middle of the leaf level's cell from this sample on, where edges may cross.
+    fn middle_error(&self, diamond: Diamond, placement: &Placement, at: [i64; 2]) -> f64 {
+        let [x, y] = at;
+        let ends = match self.source.lattice.has_main_leaf_cell(at) {
+            true => [[x, y], [x + 1, y + 1]],
+            false => [[x + 1, y], [x, y + 1]],
+        };
+        let middle = [x as f64 + 0.5, y as f64 + 0.5];
+        let own = self.interpolated(diamond, placement, middle).flatten();
+        match (ends.map(|end| self.source.raster.at(end)), own) {
+            ([Some(a), Some(b)], Some(own)) => ((f64::from(a) + f64::from(b)) / 2.0 - own).abs(),
+            _ => 0.0,
+        }
+    }
+
+    /// Height of the diamond's own triangles at a place in samples: the outer `None` where it is not in the
     /// square, the inner where no triangle is drawn.
     fn interpolated(
         &self,
         diamond: Diamond,
         at: &Placement,
-        place: [i64; 2],
+        place: [f64; 2],
     ) -> Option<Option<f64>> {
         let (lattice, vertices) = (&self.source.lattice, &self.matrices[&diamond].0);
         let cells = lattice.cells();
-        let offset = [place[0] - at.origin[0], place[1] - at.origin[1]];
-        let square = at.ax[0] * at.ax[0] + at.ax[1] * at.ax[1];
+        let offset = [0, 1].map(|axis| place[axis] - at.origin[axis] as f64);
+        let square = (at.ax[0] * at.ax[0] + at.ax[1] * at.ax[1]) as f64;
         let along =
-            |axis: [i64; 2]| (offset[0] * axis[0] + offset[1] * axis[1]) as f64 / square as f64;
+            |axis: [i64; 2]| (offset[0] * axis[0] as f64 + offset[1] * axis[1] as f64) / square;
         let (i, j) = (along(at.ax), along(at.ay));
         let end = cells as f64;
         if i < 0.0 || j < 0.0 || i > end || j > end {

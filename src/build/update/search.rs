@@ -57,7 +57,7 @@ impl<'a> Search<'a> {
                 // What is drawn over a void is found by looking.
                 let key = match state.vertices.valid {
                     Some(_) => f64::INFINITY,
-                    None => known + self.distance(diamond, &own, (child, &state), false),
+                    None => known + self.distance(diamond, &own, (child, &state)),
                 };
                 open.push(Ranked { key, item: child });
             }
@@ -88,16 +88,6 @@ impl<'a> Search<'a> {
 
     /// What the leaf level in a diamond of the last refinable level shows of another one.
     fn look(&mut self, diamond: Diamond, own: &State, finer: Diamond) -> Result<Finding> {
-        let state = self.decoder.state(finer)?;
-        let masks = [&state.vertices.valid, &state.refined.centres.valid];
-        if masks == [&None; 2] {
-            return Ok(Finding::of_distance(self.distance(
-                diamond,
-                own,
-                (finer, &state),
-                true,
-            )));
-        }
         let lattice = self.old.lattice;
         let has_voids = self.old.store.header().void_samples > 0;
         let tile = self.tile(box_of(lattice, finer), box_of(lattice, diamond))?;
@@ -105,15 +95,8 @@ impl<'a> Search<'a> {
         Ok(tile.map(look).unwrap_or_default())
     }
 
-    /// The largest distance from the triangles of `finer` to those of a diamond, where both are; or, on the leaf level,
-    /// that of the next level's.
-    fn distance(
-        &self,
-        diamond: Diamond,
-        own: &State,
-        (finer, state): (Diamond, &State),
-        on_leaf_level: bool,
-    ) -> f64 {
+    /// The largest distance from the triangles of `finer` to those of a diamond, where both are.
+    fn distance(&self, diamond: Diamond, own: &State, (finer, state): (Diamond, &State)) -> f64 {
         let lattice = self.old.lattice;
         let (placement, cells) = (lattice.placement(finer), lattice.cells());
         let side = cells + 1;
@@ -128,10 +111,7 @@ impl<'a> Search<'a> {
             let ends = [start, end].map(|offset| i64::from(heights[j * side + i + offset]));
             // The middle of the hypotenuse, rounded to either side.
             let sum = ends[0] + ends[1];
-            let both = match on_leaf_level {
-                true => [state.refined.centres.values[index]; 2],
-                false => [sum >> 1, (sum + 1) >> 1].map(|height| height as i32),
-            };
+            let both = [sum >> 1, (sum + 1) >> 1].map(|height| height as i32);
             both.map(|height| (placement.centre(i, j), height))
         });
         let points = vertices.chain(centres);

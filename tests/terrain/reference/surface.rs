@@ -85,17 +85,38 @@ impl Model {
             .fold(0.0, f64::max)
     }
 
-    /// The largest distance between a triangle and the valid vertices of the leaf level in it.
+    /// The largest distance between a triangle and the leaf level: at that one's valid vertices in it, or in the middles of
+    /// its edges there, where edges of the two may cross.
     pub fn distance(&self, triangle: &[Point; 3]) -> f64 {
         let heights = triangle.map(|point| self.values[&point]);
         let points = self.lattice.samples_around(triangle).into_iter();
-        points
-            .filter(|point| self.input(*point).is_some())
-            .filter_map(|point| {
-                let height = height_in(triangle, heights, point)?;
-                Some((height - self.values[&point] as f64).abs())
+        let vertices = points.clone().map(|point| [point, point]);
+        vertices
+            .chain(points.filter_map(|point| self.leaf_diagonal(point)))
+            .filter(|ends| ends.iter().all(|end| self.input(*end).is_some()))
+            .filter_map(|[a, b]| {
+                let middle = ((a.0 + b.0) / 2, (a.1 + b.1) / 2);
+                let height = height_in(triangle, heights, middle)?;
+                let leaf = (self.values[&a] + self.values[&b]) as f64 / 2.0;
+                Some((height - leaf).abs())
             })
             .fold(0.0, f64::max)
+    }
+
+    /// The ends of the diagonal by which the leaf level splits the cell right of and below a sample; `None` beyond the
+    /// last ones.
+    fn leaf_diagonal(&self, (x, y): Point) -> Option<[Point; 2]> {
+        let lattice = &self.lattice;
+        let step = lattice.spacing();
+        let (column, row) = (x / step, y / step);
+        if column + 1 >= lattice.width || row + 1 >= lattice.height {
+            return None;
+        }
+        let block = |place: i64| place / lattice.cells;
+        Some(match (block(column) + block(row)) % 2 {
+            0 => [(x, y), (x + step, y + step)],
+            _ => [(x + step, y), (x, y + step)],
+        })
     }
 }
 
