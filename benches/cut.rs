@@ -58,8 +58,7 @@ fn overview(terrain: &Terrain, tolerance: f64, shift: f64) -> View {
 fn new_cut(terrain: &Arc<Terrain>, vertex_form: VertexForm) -> Cut {
     let options = CutOptions {
         vertex_form,
-        metric: Metric::Geometric,
-        threads: 0,
+        ..CutOptions::default()
     };
     Cut::new(terrain.clone(), options).unwrap()
 }

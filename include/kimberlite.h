@@ -514,8 +514,8 @@ typedef struct kmb_patch_info {
     uint32_t half;
     // 1 where it uses the shared triangles of its cut, 0 where it has its own.
     uint32_t complete;
-    // 0.
-    uint32_t reserved;
+    // Texels along a side of its texture; 0 where it has none.
+    uint32_t texture_side;
     // Grid coordinates (column, row, height unit) that its vertices are relative to: integers.
     double origin[3];
     // Grid steps (columns, rows) of p, in legs[0], and of q, in legs[1].
@@ -534,6 +534,18 @@ typedef struct kmb_patch_info {
     const uint16_t *indices;
     // Indices at `indices`; 0 where `complete` is 1, or where it has no triangle.
     size_t index_count;
+    // Its colours in the form that the cut was made for; NULL without colours.
+    const uint8_t *colours;
+    // Bytes at `colours`.
+    size_t colour_bytes;
+    // Texture coordinates, 0 to 1, of the right angle, of the end of p and of the end of q, in the middles of their
+    // texels: the first along a row of the texture. Those of vertices lie evenly between.
+    float texture_corners[3][2];
+    // Where its vertices came from, 2 floats each: the height, relative to the patch's origin in height units, of the
+    // middle of the edge that the vertex divided when it came; and the level of the diamonds that first had it. All
+    // patches that share a vertex tell the same of it, so that what blends from one height to the other by this level
+    // and the vertex's place has no cracks. NULL where the cut was not made for it.
+    const float *births;
 } kmb_patch_info;
 
 // Says what a patch consists of. The caller sets info->struct_size; the arrays belong to the patch
@@ -584,7 +596,7 @@ typedef enum kmb_metric {
 // The patches that a viewer draws, kept from frame to frame.
 typedef struct kmb_cut kmb_cut;
 
-// How to make a cut.
+// How to make a cut. What is 0 stands for what no options stand for.
 typedef struct kmb_cut_options {
     // sizeof(kmb_cut_options).
     uint32_t struct_size;
@@ -594,6 +606,23 @@ typedef struct kmb_cut_options {
     uint32_t metric;
     // Threads that decode for the cut, at most 64. With 0, updates decode for themselves, within their budgets.
     uint32_t threads;
+    // A repository of colours over the same domain (built with --domain-of), or NULL. Its diamonds may have other cells
+    // and be deeper: then those of heights are divided further, and grid coordinates count finer steps. It may be
+    // closed before the cut is destroyed.
+    const kmb_repository *colours;
+    // A kmb_colour_form.
+    uint32_t colour_form;
+    // 1 where patches are to tell where their vertices came from; else 0.
+    uint32_t births;
+    // How large texels may be on the screen, in pixels, before finer ones are taken; 0 for 1.
+    double texel_pixels;
+    // Levels beyond the finest heights, an even number.
+    uint32_t detail_levels;
+    // 0.
+    uint32_t reserved;
+    // Detail on these levels: the most that a new vertex is moved, up or down, as a part of the edge that it divides,
+    // 0 to 0.3. The moves are random, by the vertex's place: the same everywhere.
+    double roughness;
 } kmb_cut_options;
 
 // A camera, in world coordinates.
@@ -684,7 +713,8 @@ typedef struct kmb_grid_to_world {
 //
 // May be called with the same repository from several threads at once.
 //
-// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_IO, KMB_DAMAGED, KMB_PANIC.
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_IO, KMB_DAMAGED, KMB_INPUT
+// (the colours are not over the heights' domain, or have too few texels), KMB_PANIC.
 kmb_status kmb_cut_create(const kmb_repository *repository,
                           const struct kmb_cut_options *options,
                           struct kmb_cut **cut);

@@ -8,7 +8,8 @@ use std::mem::offset_of;
 use kimberlite::ffi::builder::{kmb_build_report, kmb_builder_options, kmb_entropy, kmb_transform};
 use kimberlite::ffi::codec::kmb_codec_options;
 use kimberlite::ffi::cut::{
-    kmb_budget, kmb_cut_options, kmb_grid_to_world, kmb_stats, kmb_vertex_form, kmb_view,
+    kmb_budget, kmb_colour_form, kmb_cut_options, kmb_grid_to_world, kmb_stats, kmb_vertex_form,
+    kmb_view,
 };
 use kimberlite::ffi::patch::kmb_patch_info;
 use kimberlite::ffi::query::{KMB_UNLIMITED, kmb_height};
@@ -52,11 +53,15 @@ fn structs_lie_as_c_programs_were_compiled() {
     );
     layout!(kmb_height, 24, struct_size 0, level 4, height 8, error_bound 16);
     layout!(
-        kmb_patch_info, 240, struct_size 0, level 4, handle 8, diamond 16, half 28, complete 32,
-        reserved 36, origin 40, legs 64, corners 80, bounds 152, error 200, vertices 208,
-        vertex_floats 216, indices 224, index_count 232
+        kmb_patch_info, 288, struct_size 0, level 4, handle 8, diamond 16, half 28, complete 32,
+        texture_side 36, origin 40, legs 64, corners 80, bounds 152, error 200, vertices 208,
+        vertex_floats 216, indices 224, index_count 232, colours 240, colour_bytes 248,
+        texture_corners 256, births 280
     );
-    layout!(kmb_cut_options, 16, struct_size 0, vertex_form 4, metric 8, threads 12);
+    layout!(
+        kmb_cut_options, 56, struct_size 0, vertex_form 4, metric 8, threads 12, colours 16,
+        colour_form 24, births 28, texel_pixels 32, detail_levels 40, reserved 44, roughness 48
+    );
     layout!(
         kmb_view, 184, struct_size 0, reserved 4, eye 8, world_to_clip 32, viewport 160, tolerance
         176
@@ -125,6 +130,7 @@ fn constants_are_those_that_c_programs_were_compiled_with() {
     );
     numbers!(kmb_registration, KMB_REGISTRATION_AREA 0, KMB_REGISTRATION_POINT 1);
     numbers!(kmb_vertex_form, KMB_VERTEX_COMPACT 0, KMB_VERTEX_EXPANDED 1);
+    numbers!(kmb_colour_form, KMB_COLOUR_TEXTURE 0, KMB_COLOUR_VERTICES 1);
     numbers!(
         kmb_transform, KMB_TRANSFORM_INTERPOLATING 0, KMB_TRANSFORM_LIFTED 1,
         KMB_TRANSFORM_TWO_STAGE 2

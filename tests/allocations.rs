@@ -81,7 +81,7 @@ fn a_frame_that_changes_nothing_does_not_allocate() {
         let options = CutOptions {
             vertex_form: VertexForm::Expanded,
             metric,
-            threads: 0,
+            ..CutOptions::default()
         };
         let budget = Budget {
             patches,
@@ -108,8 +108,7 @@ fn an_eye_that_moves_without_need_of_change_does_not_allocate() {
     let source = mountains();
     let options = CutOptions {
         vertex_form: VertexForm::Compact,
-        metric: Metric::Geometric,
-        threads: 0,
+        ..CutOptions::default()
     };
     let mut cut = Cut::new(source.clone(), options).unwrap();
     // Once there and back, so that all the way's needs are refined and hysteresis keeps them.

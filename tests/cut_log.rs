@@ -2,7 +2,7 @@
 
 mod support;
 
-use kimberlite::cut::{Cut, CutOptions, DiamondSource, Metric, VertexForm};
+use kimberlite::cut::{Cut, CutOptions, DiamondSource, VertexForm};
 use kimberlite::schedule::Budget;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -31,8 +31,8 @@ fn report(threads: usize) {
         source.clone(),
         CutOptions {
             vertex_form: VertexForm::Compact,
-            metric: Metric::Geometric,
             threads,
+            ..CutOptions::default()
         },
     )
     .unwrap();

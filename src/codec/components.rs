@@ -68,6 +68,15 @@ impl ColourUnits {
         })
     }
 
+    /// Red, green and blue of decoded components in 8 bits, the greatest number of the sample type being 255.
+    pub fn to_bytes(&self, components: [i32; 3]) -> [u8; 3] {
+        let colour = self.to_colour(components);
+        match self.greatest {
+            255 => colour.map(|number| number as u8),
+            greatest => colour.map(|number| ((number * 255 + greatest / 2) / greatest) as u8),
+        }
+    }
+
     fn to_colour(&self, components: [i32; 3]) -> [i32; 3] {
         let ranges = component_ranges(self.greatest);
         let within = |i: usize| components[i].clamp(ranges[i][0], ranges[i][1]);

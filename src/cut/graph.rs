@@ -1,18 +1,18 @@
 //! The diamonds that a cut holds with their heights, and the two operations that keep it legal: refine and
 //! coarsen.
 
-use super::DiamondSource;
+use super::births::{Birth, births_of_centres};
 use super::changes::ChangeLog;
 use super::node::half_from;
-use super::patch::{Patch, PatchMaker, VertexForm};
+use super::patch::{Patch, PatchMaker};
 use super::projection::Projection;
+use super::samples::{Finer, Ground, Samples};
 use super::skeleton::{Sizes, Skeleton};
 use super::slopes::{Diagonals, Heights, Slope, root_slopes};
 use super::stock::Stock;
 use super::supply::Supply;
 use crate::Result;
-use crate::codec::{Matrix, Refined};
-use crate::lattice::{Diamond, Lattice, gather_half, reflect_absent_half};
+use crate::lattice::{Diamond, gather_half, reflect_absent_half};
 use std::sync::Arc;
 
 /// A skeleton and what its diamonds hold.
@@ -27,26 +27,37 @@ pub(super) struct Graph {
     scratch: Scratch,
 }
 
-/// The heights of a diamond, and what is drawn for it.
+/// What a diamond consists of, and what is drawn for it.
 pub(super) struct Content {
-    /// Vertex matrix; only halves that have arrived mean anything, and an absent half mirrors them.
-    pub vertices: Matrix,
+    pub samples: Samples,
     pub slopes: Box<[Slope]>,
+    /// Of its vertices, where the cut is to tell them.
+    pub births: Option<Box<[Birth]>>,
     /// What is drawn for each half; `None` where refined, not arrived, or all void or outside.
     pub patches: [Option<Arc<Patch>>; 2],
 }
 
 impl Content {
-    pub fn new(lattice: &Lattice) -> Content {
-        let entries = (lattice.cells() + 1) * (lattice.cells() + 1);
+    pub fn new(ground: &Ground, has_births: bool) -> Content {
+        let samples = ground.empty();
+        let entries = samples.heights.values.len();
         Content {
-            vertices: Matrix {
-                values: vec![0; entries].into(),
-                valid: None,
-            },
             slopes: vec![[0.0; 2]; entries].into(),
+            births: has_births.then(|| vec![Birth::default(); entries].into()),
+            samples,
             patches: [None, None],
         }
+    }
+
+    /// Bytes of its storage, patches and masks apart.
+    pub fn bytes(&self) -> usize {
+        let texels = self.samples.texels.as_ref();
+        let texels = texels.map_or(0, |texels| size_of_val(&*texels.matrix.values));
+        let births = self
+            .births
+            .as_ref()
+            .map_or(0, |births| size_of_val(&**births));
+        size_of_val(&*self.samples.heights.values) + texels + size_of_val(&*self.slopes) + births
     }
 }
 
@@ -54,31 +65,37 @@ impl Content {
 struct Scratch {
     vertex_slopes: Box<[Slope]>,
     centre_slopes: Box<[Slope]>,
-    all_valid: Box<[u8]>,
+    centre_births: Box<[Birth]>,
 }
 
 impl Graph {
-    pub fn new(source: Arc<dyn DiamondSource>, form: VertexForm, threads: usize) -> Result<Graph> {
-        let lattice = source.lattice();
-        let (cells, root) = (lattice.cells(), lattice.root());
-        let maker = PatchMaker::new(&*source, form);
-        let skeleton = Skeleton::new(source.clone(), sizes(cells, &maker))?;
+    /// The root of a ground. `threads` decode; with 0, refining does.
+    ///
+    /// # Errors
+    ///
+    /// Those of the root's summaries, and [`Error::Io`](crate::Error::Io) where the system starts no more threads.
+    pub fn new(ground: Ground, maker: PatchMaker, threads: usize) -> Result<Graph> {
+        let source = &ground.heights;
+        let (cells, lattice) = (source.lattice().cells(), source.lattice());
         let (frame, [_, unit]) = (source.frame(), source.height_to_world());
-        let placement = lattice.placement(root);
+        let placement = lattice.placement(lattice.root());
         let step = [
             frame.step[0] * placement.ax[0] as f64,
             frame.step[1] * placement.ay[1] as f64,
         ];
+        let samples = ground.root();
         let content = Content {
-            slopes: root_slopes(cells, &source.root().values, step, unit),
-            vertices: source.root().clone(),
+            slopes: root_slopes(cells, &samples.heights.values, step, unit),
+            births: maker
+                .has_births()
+                .then(|| maker.first_births(&samples.heights)),
+            samples,
             patches: [None, None],
         };
         let side = cells + 1;
-        let supply = Supply::new(source.clone(), threads)?;
         let mut graph = Graph {
-            skeleton,
-            supply,
+            skeleton: Skeleton::new(ground.clone(), sizes(&ground, &maker))?,
+            supply: Supply::new(ground, threads)?,
             contents: vec![Some(content)],
             maker,
             changes: ChangeLog::default(),
@@ -86,7 +103,7 @@ impl Graph {
             scratch: Scratch {
                 vertex_slopes: vec![[0.0; 2]; side * side].into(),
                 centre_slopes: vec![[0.0; 2]; cells * cells].into(),
-                all_valid: vec![1; side * side].into(),
+                centre_births: vec![Birth::default(); cells * cells].into(),
             },
         };
         (0..2).for_each(|half| graph.draw(0, half));
@@ -119,27 +136,21 @@ impl Graph {
     /// Asks for the details that are wanted, and gives their number.
     pub fn ask(&mut self) -> u64 {
         let (skeleton, contents) = (&self.skeleton, &self.contents);
-        let (lattice, all_valid) = (skeleton.source().lattice(), &*self.scratch.all_valid);
+        let ground = skeleton.ground();
         self.supply.end(|ready, diamond| {
             let place = skeleton.place(diamond)?;
-            let mut vertices = contents[place].as_ref()?.vertices.clone();
-            for (half, parent) in lattice.parents(diamond).into_iter().enumerate() {
+            let mut samples = contents[place].as_ref()?.samples.clone();
+            let parents = ground.heights.lattice().parents(diamond);
+            for (half, parent) in parents.into_iter().enumerate() {
                 let node = &skeleton.node(place)?.halves[half];
                 if node.has_arrived || !node.is_present {
                     continue;
                 }
-                let (above, refined) = &ready.get(&parent?)?.detail;
-                let refined = refined.as_ref().ok()?;
-                let from = (refined.vertices(above), &refined.centres);
-                receive_half(
-                    lattice,
-                    (parent?, from),
-                    (diamond, &mut vertices),
-                    half,
-                    all_valid,
-                );
+                let (above, finer) = &ready.get(&parent?)?.detail;
+                let from = (parent?, above, finer.as_ref().ok()?);
+                ground.receive_half(from, (diamond, &mut samples), half);
             }
-            Some(vertices)
+            Some(samples)
         })
     }
 
@@ -174,10 +185,10 @@ impl Graph {
         let Some(mut content) = self.contents[place].take() else {
             return Ok(());
         };
-        let refined = self.supply.take(diamond, &content.vertices);
-        let spread = refined.and_then(|refined| {
+        let finer = self.supply.take(diamond, &content.samples);
+        let spread = finer.and_then(|finer| {
             self.skeleton.refine(place, update, projection)?;
-            self.spread(diamond, &content, &refined);
+            self.spread(diamond, &content, &finer);
             Ok(())
         });
         match &spread {
@@ -189,10 +200,15 @@ impl Graph {
     }
 
     /// Gives a node's children the halves that come from it.
-    fn spread(&mut self, parent: Diamond, content: &Content, refined: &Refined) {
-        let source = self.skeleton.source().clone();
-        let lattice = source.lattice();
-        self.find_slopes(parent, content, refined);
+    fn spread(&mut self, parent: Diamond, content: &Content, finer: &Finer) {
+        let ground = self.skeleton.ground().clone();
+        let lattice = ground.heights.lattice();
+        self.find_slopes(parent, content, finer);
+        if content.births.is_some() {
+            let births = &mut self.scratch.centre_births;
+            let heights = &content.samples.heights.values;
+            births_of_centres(lattice, parent, heights, self.maker.base(), births);
+        }
         for child in lattice.children(parent).into_iter().flatten() {
             let half = half_from(lattice, child, parent);
             let (Some(half), Some(place)) = (half, self.skeleton.place(child)) else {
@@ -202,23 +218,26 @@ impl Graph {
                 self.contents.resize_with(place + 1, || None);
             }
             let held = self.contents[place].take();
-            let mut held = held.unwrap_or_else(|| self.stock.take_content(lattice));
-            self.receive(child, &mut held, half, parent, (content, refined));
+            let has_births = self.maker.has_births();
+            let mut held = held.unwrap_or_else(|| self.stock.take_content(&ground, has_births));
+            let from = (parent, &content.samples, finer);
+            ground.receive_half(from, (child, &mut held.samples), half);
+            self.receive((child, &mut held), half, (parent, content));
             self.contents[place] = Some(held);
             self.draw(place, half);
         }
     }
 
     /// Slopes of a diamond's vertices and centres on the next level into the scratch space.
-    fn find_slopes(&mut self, diamond: Diamond, content: &Content, refined: &Refined) {
+    fn find_slopes(&mut self, diamond: Diamond, content: &Content, finer: &Finer) {
         let source = self.skeleton.source();
         let lattice = source.lattice();
         let (frame, [_, unit]) = (source.frame(), source.height_to_world());
         let diagonals = Diagonals::new(&lattice.placement(diamond), frame.step, unit);
         let heights = Heights {
             cells: lattice.cells(),
-            vertices: &refined.vertices(&content.vertices).values,
-            centres: &refined.centres.values,
+            vertices: &finer.heights.vertices(&content.samples.heights).values,
+            centres: &finer.heights.centres.values,
         };
         let Scratch {
             vertex_slopes,
@@ -236,27 +255,24 @@ impl Graph {
         heights.hypotenuse_slopes(&diagonals, apex, vertex_slopes, centre_slopes);
     }
 
-    /// Fills a half of `child` from its refined parent and the slopes in the scratch space.
+    /// Fills what a half of a child has beside its samples, from its refined parent and the scratch space.
     fn receive(
         &self,
-        to: Diamond,
-        child: &mut Content,
+        (to, child): (Diamond, &mut Content),
         half: usize,
-        from: Diamond,
-        (parent, refined): (&Content, &Refined),
+        (from, parent): (Diamond, &Content),
     ) {
         let (lattice, scratch) = (self.skeleton.source().lattice(), &self.scratch);
-        let matrices = (refined.vertices(&parent.vertices), &refined.centres);
-        let vertices = &mut child.vertices;
-        receive_half(
-            lattice,
-            (from, matrices),
-            (to, vertices),
-            half,
-            &scratch.all_valid,
-        );
         let slopes = (&scratch.vertex_slopes[..], &scratch.centre_slopes[..]);
         gather_half(lattice, from, slopes, to, half, &mut child.slopes);
+        let (Some(above), Some(births)) = (&parent.births, &mut child.births) else {
+            return;
+        };
+        let both = (&above[..], &scratch.centre_births[..]);
+        gather_half(lattice, from, both, to, half, births);
+        if let Some(absent) = lattice.halves(to).iter().position(|present| !present) {
+            reflect_absent_half(lattice.cells(), lattice.apexes(to)[absent], births);
+        }
     }
 
     /// Takes back a refinement; no child may be refined.
@@ -316,38 +332,6 @@ impl Graph {
     }
 }
 
-/// Fills a half of the vertices of `to` from its parent's vertices and centres on its level, and the absent half by
-/// reflection.
-fn receive_half(
-    lattice: &Lattice,
-    (from, (vertices, centres)): (Diamond, (&Matrix, &Matrix)),
-    (to, child): (Diamond, &mut Matrix),
-    half: usize,
-    all_valid: &[u8],
-) {
-    let heights = (&vertices.values[..], &centres.values[..]);
-    gather_half(lattice, from, heights, to, half, &mut child.values);
-    let matrices = [vertices, centres, &*child];
-    let is_masked = matrices.iter().any(|matrix| matrix.valid.is_some());
-    let mut mask = is_masked.then(|| {
-        let own = child.valid.take();
-        own.unwrap_or_else(|| all_valid.into())
-    });
-    if let Some(mask) = &mut mask {
-        let vertices = vertices.valid.as_deref().unwrap_or(all_valid);
-        let centres = centres.valid.as_deref().unwrap_or(all_valid);
-        gather_half(lattice, from, (vertices, centres), to, half, mask);
-    }
-    if let Some(absent) = lattice.halves(to).iter().position(|present| !present) {
-        let apex = lattice.apexes(to)[absent];
-        reflect_absent_half(lattice.cells(), apex, &mut child.values);
-        if let Some(mask) = &mut mask {
-            reflect_absent_half(lattice.cells(), apex, mask);
-        }
-    }
-    child.valid = mask.filter(|mask| mask.contains(&0));
-}
-
 /// Copies the outermost rows and columns of a square matrix.
 fn copy_boundary(side: usize, from: &[Slope], to: &mut [Slope]) {
     let last = side * (side - 1);
@@ -359,12 +343,18 @@ fn copy_boundary(side: usize, from: &[Slope], to: &mut [Slope]) {
     }
 }
 
-fn sizes(cells: usize, maker: &PatchMaker) -> Sizes {
-    let entries = ((cells + 1) * (cells + 1)) as u64;
-    let [patch, list] = maker.patch_bytes();
+fn sizes(ground: &Ground, maker: &PatchMaker) -> Sizes {
+    let side = ground.heights.lattice().cells() as u64 + 1;
+    let births = if maker.has_births() {
+        size_of::<Birth>()
+    } else {
+        0
+    };
+    let beside = side * side * (size_of::<Slope>() + births) as u64;
+    let ([samples, mask], [patch, list]) = (ground.bytes(), maker.patch_bytes());
     Sizes {
-        vertices: entries * (size_of::<i32>() + size_of::<Slope>()) as u64,
-        mask: entries,
+        vertices: samples + beside,
+        mask,
         patch,
         list,
     }

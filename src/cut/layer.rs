@@ -197,6 +197,12 @@ impl Layer {
     }
 }
 
+impl std::fmt::Debug for Layer {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.debug_tuple("Layer").field(&self.store.path()).finish()
+    }
+}
+
 fn require_known(path: &Path, header: &Header) -> Result<()> {
     let known = header.kind != Kind::City && header.domain == DomainKind::Planar;
     if known {

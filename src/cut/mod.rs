@@ -1,7 +1,10 @@
 //! Floor 3: from views to patches within a budget, and queries without any view. Knows no builder.
 
+mod beyond;
+mod births;
 mod changes;
 mod coarse;
+mod colours;
 mod foresight;
 mod graph;
 mod layer;
@@ -11,6 +14,7 @@ mod projection;
 mod query;
 mod queues;
 mod ray;
+mod samples;
 mod shared;
 mod skeleton;
 mod slopes;
@@ -22,9 +26,11 @@ mod update;
 mod view;
 mod window;
 
+pub use beyond::{Detail, MOST_ROUGHNESS};
 pub use changes::Changes;
+pub use colours::{ColourForm, Colouring};
 pub use layer::Layer;
-pub use patch::{GridToWorld, Patch, VertexForm};
+pub use patch::{GridToWorld, Patch, PatchColours, VertexForm};
 pub use query::{Height, Query};
 pub use ray::{Hit, Ray};
 pub use source::{DiamondSource, Summary};

@@ -1,6 +1,6 @@
 //! One diamond that a cut holds, as its summary tells it.
 
-use super::projection::Projection;
+use super::projection::{Lack, Projection};
 use super::{DiamondSource, Summary};
 use crate::lattice::{Apex, Diamond, Lattice};
 
@@ -10,6 +10,8 @@ pub(super) struct Node {
     pub diamond: Diamond,
     pub level: u32,
     pub is_leaf: bool,
+    /// Its vertices are the samples, or between them.
+    pub has_all_samples: bool,
     pub bounds: Bounds,
     /// Its detail is missing, so that it is never refined.
     pub is_missing: bool,
@@ -35,6 +37,8 @@ pub(super) struct Bounds {
     pub range: [i32; 2],
     /// World z, low to high.
     pub z: [f64; 2],
+    /// The colours of the next level are other ones.
+    pub has_finer_texels: bool,
 }
 
 /// Bytes set aside for a diamond, enough whatever its samples are.
@@ -54,10 +58,13 @@ pub(super) struct Outlook {
 }
 
 impl Outlook {
-    /// Of a refinable diamond.
-    pub fn of(source: &dyn DiamondSource, summary: Summary) -> Outlook {
+    /// Of a refinable diamond, and whether there are finer colours.
+    pub fn of(source: &dyn DiamondSource, summary: Summary, has_finer_texels: bool) -> Outlook {
         Outlook {
-            bounds: Bounds::new(source, summary.error, summary.range),
+            bounds: Bounds {
+                has_finer_texels,
+                ..Bounds::new(source, summary.error, summary.range)
+            },
             is_missing: summary.is_missing,
         }
     }
@@ -100,6 +107,7 @@ impl Bounds {
             },
             range,
             z: [ends[0].min(ends[1]), ends[0].max(ends[1])],
+            has_finer_texels: false,
         }
     }
 }
@@ -131,6 +139,7 @@ impl Node {
             diamond,
             level: diamond.level(),
             is_leaf: diamond.level() == lattice.levels(),
+            has_all_samples: diamond.level() >= source.data_levels(),
             bounds,
             is_missing: outlook.is_missing,
             halves: [half(0), half(1)],
@@ -198,23 +207,32 @@ impl Node {
     pub fn error_seen_by(&self, projection: &Projection) -> f64 {
         let halves = self.halves.iter();
         let seen = halves.filter(|half| half.has_arrived && half.in_domain);
-        let errors = seen.map(|half| {
-            projection
-                .see(&half.corners, half.z, Some(self.bounds.error))
-                .pixels
-        });
+        let lack = self.lack();
+        let errors = seen.map(|half| projection.see(&half.corners, half.z, lack).pixels);
         errors.fold(0.0, f64::max)
+    }
+
+    fn lack(&self) -> Lack {
+        let Bounds {
+            error,
+            has_finer_texels,
+            ..
+        } = self.bounds;
+        Lack {
+            error: (!self.has_all_samples || error > 0.0).then_some(error),
+            texels: has_finer_texels,
+        }
     }
 
     /// Judges the halves that have arrived by a view.
     pub fn look(&mut self, projection: &Projection) {
         (self.priority, self.keep) = (0.0, 0.0);
-        let error = (!self.is_leaf).then_some(self.bounds.error);
+        let lack = self.lack();
         for half in self.halves.iter_mut() {
             if !half.has_arrived || !half.in_domain {
                 continue;
             }
-            let sight = projection.see(&half.corners, half.z, error);
+            let sight = projection.see(&half.corners, half.z, lack);
             half.visible = sight.visible;
             self.keep = self.keep.max(sight.pixels);
             if sight.visible {

@@ -1,9 +1,12 @@
 //! Patches: halves of diamonds as vertex buffers.
 
-use super::DiamondSource;
+use super::births::Birth;
+use super::colours::ColourForm;
 use super::graph::Content;
 use super::node::Node;
+use super::samples::Ground;
 use super::stock::Stock;
+use crate::codec::Matrix;
 use crate::lattice::{Apex, Diamond, Lattice, PatchGrid, Placement};
 
 /// What a patch's vertices hold.
@@ -61,16 +64,35 @@ pub struct Patch {
     /// `None` where the patch is complete and drawn by the shared index buffers; else its own list of
     /// triangles.
     pub indices: Option<Box<[u16]>>,
+    /// Its colours, in a cut that has any.
+    pub colours: Option<PatchColours>,
+    /// Where its vertices came from, in the same order, in a cut that tells it: the height, relative to the patch's origin in
+    /// units, of the middle of the edge that a vertex divided when it came, and the level of the diamonds that first had it.
+    /// These are the same in all patches that share a vertex.
+    pub births: Option<Box<[[f32; 2]]>>,
+}
+
+/// The colours of a patch.
+#[derive(Clone, Debug)]
+pub struct PatchColours {
+    /// In the form that was chosen ([`ColourForm`]).
+    pub bytes: Box<[u8]>,
+    /// Texels along a side of the texture; 0 where each vertex has a colour.
+    pub texture_side: usize,
+    /// Texture coordinates of the right angle, the end of p and the end of q: the middles of their texels, of a texture that
+    /// is 1 x 1.
+    pub texture_corners: [[f32; 2]; 3],
 }
 
 impl Patch {
-    /// Bytes of the vertices and of the patch's own list.
+    /// Bytes of the vertices, of all that goes with them, and of the patch's own list.
     pub fn bytes(&self) -> u64 {
-        let indices = self
-            .indices
-            .as_ref()
-            .map_or(0, |indices| size_of_val(&**indices));
-        (size_of_val(&*self.vertices) + indices) as u64
+        fn size<T>(slice: Option<&[T]>) -> usize {
+            slice.map_or(0, size_of_val)
+        }
+        let colours = self.colours.as_ref().map(|colours| &*colours.bytes);
+        let beside = size(self.indices.as_deref()) + size(self.births.as_deref()) + size(colours);
+        (size_of_val(&*self.vertices) + beside) as u64
     }
 }
 
@@ -78,7 +100,8 @@ impl Patch {
 struct Shape<'a> {
     apex: Apex,
     placement: Placement,
-    is_leaf: bool,
+    /// Triangles are drawn where all of their vertices are valid ([`Lattice::draws`]).
+    draws_valid: bool,
     content: &'a Content,
 }
 
@@ -89,13 +112,16 @@ pub(super) struct PatchMaker {
     /// (p, q) of every vertex.
     positions: Box<[[f32; 2]]>,
     form: VertexForm,
+    has_births: bool,
     base: i32,
     grid_to_world: GridToWorld,
     lattice: Lattice,
+    ground: Ground,
 }
 
 impl PatchMaker {
-    pub fn new(source: &dyn DiamondSource, form: VertexForm) -> PatchMaker {
+    pub fn new(ground: &Ground, form: VertexForm, has_births: bool) -> PatchMaker {
+        let source = &*ground.heights;
         let (lattice, frame) = (source.lattice(), source.frame());
         let [offset, scale] = source.height_to_world();
         // Counter-clockwise from above: rows that run south turn the grid over.
@@ -109,13 +135,33 @@ impl PatchMaker {
                 .collect(),
             grid,
             form,
+            has_births,
             base: ((low + high) / 2) as i32,
             grid_to_world: GridToWorld {
                 origin: [frame.origin[0], frame.origin[1], offset],
                 step: [frame.step[0], frame.step[1], scale],
             },
             lattice: lattice.clone(),
+            ground: ground.clone(),
         }
+    }
+
+    /// Whether patches tell where their vertices came from.
+    pub fn has_births(&self) -> bool {
+        self.has_births
+    }
+
+    /// The height that those of vertices are relative to.
+    pub fn base(&self) -> i32 {
+        self.base
+    }
+
+    /// Of the root's vertices.
+    pub fn first_births(&self, heights: &Matrix) -> Box<[Birth]> {
+        let heights = heights.values.iter();
+        heights
+            .map(|&unit| [(i64::from(unit) - i64::from(self.base)) as f32, 0.0])
+            .collect()
     }
 
     pub fn grid(&self) -> &PatchGrid {
@@ -137,7 +183,13 @@ impl PatchMaker {
 
     /// Bytes of a patch's vertices, and the most that its own list takes.
     pub fn patch_bytes(&self) -> [u64; 2] {
-        let vertices = self.grid.vertex_count() * self.form.floats() * size_of::<f32>();
+        let colours = self.ground.colours.as_ref();
+        let colours = colours.map_or(0, |colours| {
+            colours.bytes(self.grid.vertex_count()) as usize
+        });
+        let births = usize::from(self.has_births) * size_of::<Birth>();
+        let each = self.form.floats() * size_of::<f32>() + births;
+        let vertices = self.grid.vertex_count() * each + colours;
         [vertices, size_of_val(&*self.triangle_list)].map(|bytes| bytes as u64)
     }
 
@@ -152,7 +204,8 @@ impl PatchMaker {
         let shape = Shape {
             apex: self.lattice.apexes(node.diamond)[half],
             placement: self.lattice.placement(node.diamond),
-            is_leaf: node.is_leaf,
+            // Cells at 45 degrees are cut by the domain's border.
+            draws_valid: node.has_all_samples && node.level % 2 == 0,
             content,
         };
         let indices = self.own_indices(&shape);
@@ -164,7 +217,7 @@ impl PatchMaker {
             let (i, j) = shape.apex.vertex(cells, p, q);
             (
                 shape.placement.vertex(i, j),
-                content.vertices.values[j * (cells + 1) + i],
+                content.samples.heights.values[j * (cells + 1) + i],
             )
         };
         let ([column, row], _) = at(0, 0);
@@ -187,7 +240,42 @@ impl PatchMaker {
             error: node.bounds.error,
             vertices: vertices.into(),
             indices,
+            colours: self.colours(&shape),
+            births: self.births(&shape),
         })
+    }
+
+    fn colours(&self, shape: &Shape) -> Option<PatchColours> {
+        let (colours, texels) = (
+            self.ground.colours.as_ref()?,
+            shape.content.samples.texels.as_ref()?,
+        );
+        let (cells, apex) = (self.lattice.cells(), shape.apex);
+        if colours.form == ColourForm::Vertices {
+            let order = self.grid.matrix_indices(apex);
+            return Some(PatchColours {
+                bytes: colours.of_vertices(&texels.matrix, cells, order),
+                texture_side: 0,
+                texture_corners: [[0.0; 2]; 3],
+            });
+        }
+        let side = colours.texture_side();
+        let middle = |texel: usize| (texel as f32 + 0.5) / side as f32;
+        let corner = |(p, q)| {
+            let (i, j) = apex.vertex(side - 1, p, q);
+            [middle(i), middle(j)]
+        };
+        Some(PatchColours {
+            bytes: colours.texture(&texels.matrix, apex),
+            texture_side: side,
+            texture_corners: [(0, 0), (side - 1, 0), (0, side - 1)].map(corner),
+        })
+    }
+
+    fn births(&self, shape: &Shape) -> Option<Box<[Birth]>> {
+        let births = shape.content.births.as_ref()?;
+        let order = self.grid.matrix_indices(shape.apex).iter();
+        Some(order.map(|&index| births[usize::from(index)]).collect())
     }
 
     fn world(&self, grid: [f64; 3]) -> [f64; 3] {
@@ -211,13 +299,13 @@ impl PatchMaker {
     fn fill(&self, shape: &Shape, legs: [[f32; 2]; 2], target: &mut Vec<f32>) -> [i32; 2] {
         let order = self.grid.matrix_indices(shape.apex);
         let Content {
-            vertices, slopes, ..
+            samples, slopes, ..
         } = shape.content;
         let mut range = [i32::MAX, i32::MIN];
         for (order, positions) in order.chunks(LANES).zip(self.positions.chunks(LANES)) {
             let mut lanes = Lanes::default();
             for (lane, &index) in order.iter().enumerate() {
-                let unit = vertices.values[usize::from(index)];
+                let unit = samples.heights.values[usize::from(index)];
                 range = [range[0].min(unit), range[1].max(unit)];
                 lanes.height[lane] = (i64::from(unit) - i64::from(self.base)) as f32;
                 [lanes.dx[lane], lanes.dy[lane]] = slopes[usize::from(index)];
@@ -240,17 +328,18 @@ impl PatchMaker {
         let Shape {
             apex,
             placement,
-            is_leaf,
+            draws_valid,
             content,
         } = *shape;
+        let heights = &content.samples.heights;
         let cells = self.lattice.cells();
         let order = self.grid.matrix_indices(apex);
         let is_inside = [(0, 0), (cells, 0), (0, cells)].iter().all(|&(p, q)| {
             let (i, j) = apex.vertex(cells, p, q);
             self.lattice.in_raster(placement.vertex(i, j))
         });
-        let is_valid = |&index: &u16| content.vertices.is_valid(usize::from(index));
-        if is_inside && (content.vertices.valid.is_none() || order.iter().all(is_valid)) {
+        let is_valid = |&index: &u16| heights.is_valid(usize::from(index));
+        if is_inside && (heights.valid.is_none() || order.iter().all(is_valid)) {
             return None;
         }
         let places: Vec<[i64; 2]> = positions(cells)
@@ -261,9 +350,9 @@ impl PatchMaker {
             .collect();
         let is_drawn = |triangle: &&[u16]| {
             let corners: [usize; 3] = std::array::from_fn(|corner| usize::from(triangle[corner]));
-            let valid = corners.map(|vertex| content.vertices.is_valid(usize::from(order[vertex])));
+            let valid = corners.map(|vertex| heights.is_valid(usize::from(order[vertex])));
             self.lattice
-                .draws(is_leaf, corners.map(|vertex| places[vertex]), valid)
+                .draws(draws_valid, corners.map(|vertex| places[vertex]), valid)
         };
         let drawn: Vec<u16> = self
             .triangle_list

@@ -13,9 +13,27 @@ pub(super) struct Projection {
     /// Least w inside the frustum: nothing nearer is in front of the near plane.
     least_w: f64,
     guard: f64,
-    metric: Metric,
+    scale: Scale,
+    tolerance: f64,
+}
+
+/// What errors are measured by.
+#[derive(Clone, Copy)]
+pub(super) struct Scale {
+    pub metric: Metric,
     /// Cells along a diamond's side.
-    cells: f64,
+    pub cells: usize,
+    /// Of colours: texels along a side, and how large they may be, in pixels.
+    pub texels: Option<(usize, f64)>,
+}
+
+/// What a half is too coarse in, if it is near.
+#[derive(Clone, Copy)]
+pub(super) struct Lack {
+    /// The vertical error; `None` where no heights are finer.
+    pub error: Option<f64>,
+    /// Finer colours are there.
+    pub texels: bool,
 }
 
 /// How a prism looks.
@@ -28,8 +46,8 @@ pub(super) struct Sight {
 }
 
 impl Projection {
-    /// `guard` (at least 1) is the size of the guard band in screens, `cells` the cells along a diamond's side.
-    pub fn new(view: &View, guard: f64, metric: Metric, cells: usize) -> Result<Projection> {
+    /// `guard` (at least 1) is the size of the guard band in screens.
+    pub fn new(view: &View, guard: f64, scale: Scale) -> Result<Projection> {
         let numbers = [
             &view.eye[..],
             &view.world_to_clip,
@@ -66,19 +84,19 @@ impl Projection {
             half_viewport: view.viewport.map(|size| size / 2.0),
             least_w,
             guard,
-            metric,
-            cells: cells as f64,
+            scale,
+            tolerance: view.tolerance,
         })
     }
 
-    /// How the prism over `corners` between the heights `z` looks, and what its error comes to; `error` is the vertical
-    /// one, `None` where nothing is finer.
+    /// How the prism over `corners` between the heights `z` looks, and what its lack comes to. Texels reach the tolerance
+    /// when they are as large as they may be.
     ///
     /// The geometric metric: with clip coordinates x, y, w, moving a point by d along z moves it on the screen by
     /// `d (m_xz - m_wz x/w) / w'` in x, w' being that of the moved point, and so in y. The bound takes
     /// the extremes of x/w over the part of the prism on the screen and the least w. It holds
     /// wherever one of the two points is on the screen and both are in front of the near plane.
-    pub fn see(&self, corners: &[[f64; 2]; 3], z: [f64; 2], error: Option<f64>) -> Sight {
+    pub fn see(&self, corners: &[[f64; 2]; 3], z: [f64; 2], lack: Lack) -> Sight {
         let hull = self.hull(corners, z);
         let visible = hull.meets(1.0);
         if !visible && !hull.meets(self.guard) {
@@ -88,12 +106,19 @@ impl Projection {
             };
         }
         let limit = if visible { 1.0 } else { self.guard };
-        let pixels = match (error, self.metric) {
+        let pixels = match (lack.error, self.scale.metric) {
             (None, _) => 0.0,
             (Some(error), Metric::Geometric) => self.shift(&hull, limit, error),
-            (Some(_), Metric::Sampling) => self.spacing(&hull, limit),
+            (Some(_), Metric::Sampling) => self.spacing(&hull, limit, self.scale.cells),
         };
-        Sight { visible, pixels }
+        let texels = match self.scale.texels.filter(|_| lack.texels) {
+            Some((cells, most)) => self.spacing(&hull, limit, cells) / most * self.tolerance,
+            None => 0.0,
+        };
+        Sight {
+            visible,
+            pixels: pixels.max(texels),
+        }
     }
 
     fn hull(&self, corners: &[[f64; 2]; 3], z: [f64; 2]) -> Hull {
@@ -109,13 +134,13 @@ impl Projection {
     }
 
     /// Side of a square as large as the mean triangle of a half, in pixels, its box taken from edge to edge.
-    fn spacing(&self, hull: &Hull, limit: f64) -> f64 {
+    fn spacing(&self, hull: &Hull, limit: f64, cells: usize) -> f64 {
         let in_front = hull.least_w() > 0.0;
         let side = |axis: usize| {
             let [low, high] = hull.extent(axis, in_front, limit);
             (high - low) * self.half_viewport[axis]
         };
-        (side(0) * side(1)).sqrt() / self.cells
+        (side(0) * side(1)).sqrt() / cells as f64
     }
 
     /// How far a vertical error moves a point on the screen at most, in pixels.

@@ -4,6 +4,7 @@
 use super::DiamondSource;
 use super::node::{Node, Outlook, Room, half_at_edge, half_from};
 use super::projection::Projection;
+use super::samples::Ground;
 use crate::lattice::{Diamond, Lattice};
 use crate::schedule::Budget;
 use crate::{Error, Result};
@@ -15,7 +16,7 @@ use std::sync::Arc;
 /// child share a parent.
 #[derive(Clone)]
 pub(super) struct Skeleton {
-    source: Arc<dyn DiamondSource>,
+    ground: Ground,
     sizes: Sizes,
     nodes: Vec<Option<Node>>,
     free: Vec<usize>,
@@ -58,13 +59,14 @@ pub(super) enum Shortage {
 
 impl Skeleton {
     /// The root alone.
-    pub fn new(source: Arc<dyn DiamondSource>, sizes: Sizes) -> Result<Skeleton> {
-        let lattice = source.lattice();
-        let (root, range) = (lattice.root(), source.range());
-        let outlook = if lattice.levels() == 0 {
-            Outlook::of_leaf(&*source, range)
+    pub fn new(ground: Ground, sizes: Sizes) -> Result<Skeleton> {
+        let source = &*ground.heights;
+        let (root, range) = (source.lattice().root(), source.range());
+        let outlook = if source.lattice().levels() == 0 {
+            Outlook::of_leaf(source, range)
         } else {
-            Outlook::of(&*source, source.summary(root, range)?)
+            let has_finer_texels = ground.has_finer_texels(root)?;
+            Outlook::of(source, source.summary(root, range)?, has_finer_texels)
         };
         let mut skeleton = Skeleton {
             sizes,
@@ -75,7 +77,7 @@ impl Skeleton {
             awaited: HashSet::new(),
             visible_patches: 0,
             bytes: 0,
-            source,
+            ground,
         };
         let place = skeleton.insert(root, outlook);
         skeleton.change(place, |node| {
@@ -85,12 +87,16 @@ impl Skeleton {
         Ok(skeleton)
     }
 
+    pub fn ground(&self) -> &Ground {
+        &self.ground
+    }
+
     pub fn source(&self) -> &Arc<dyn DiamondSource> {
-        &self.source
+        &self.ground.heights
     }
 
     fn lattice(&self) -> &Lattice {
-        self.source.lattice()
+        self.ground.heights.lattice()
     }
 
     /// Patches that meet the frustum last looked through.
@@ -292,26 +298,34 @@ impl Skeleton {
 
     /// What a diamond becomes a node with. `parent` is the node that is being refined.
     fn child_outlook(&self, child: Diamond, parent: &Node) -> Result<Outlook> {
-        let lattice = self.lattice();
-        let ranges = lattice.parents(child).map(|diamond| {
+        let (source, lattice) = (&*self.ground.heights, self.lattice());
+        let bounds = lattice.parents(child).map(|diamond| {
             let diamond = diamond?;
             if diamond == parent.diamond {
-                return Some(parent.bounds.range);
+                return Some(parent.bounds);
             }
             let other = self.place(diamond).and_then(|place| self.node(place));
-            other.map(|node| node.bounds.range)
+            other.map(|node| node.bounds)
         });
-        let [first, second] = match ranges {
+        let [first, second] = match bounds {
             [Some(first), Some(second)] => [first, second],
             [Some(only), None] | [None, Some(only)] => [only, only],
             [None, None] => return Err(Error::Argument("a diamond without parents".into())),
         };
+        let has_finer_texels = first.has_finer_texels
+            && second.has_finer_texels
+            && self.ground.has_finer_texels(child)?;
+        let (first, second) = (first.range, second.range);
+        let hull = [first[0].min(second[0]), first[1].max(second[1])];
         if child.level() == lattice.levels() {
-            let hull = [first[0].min(second[0]), first[1].max(second[1])];
-            return Ok(Outlook::of_leaf(&*self.source, hull));
+            return Ok(Outlook::of_leaf(source, hull));
         }
-        let summary = self.source.summary(child, first)?;
-        Ok(Outlook::of(&*self.source, summary))
+        let above = match child.level() >= source.data_levels() {
+            true => hull,
+            false => first,
+        };
+        let summary = source.summary(child, above)?;
+        Ok(Outlook::of(source, summary, has_finer_texels))
     }
 
     /// Takes back a refinement; no child may be refined.
@@ -364,7 +378,8 @@ impl Skeleton {
             patch,
             list,
         } = self.sizes;
-        let is_whole = !self.source.has_voids() && self.lattice().is_inside(diamond);
+        let source = &*self.ground.heights;
+        let is_whole = !source.has_voids() && source.lattice().is_inside(diamond);
         let room = if is_whole {
             Room {
                 own: vertices,
@@ -378,7 +393,7 @@ impl Skeleton {
         };
         self.places.insert(diamond, place);
         self.bytes += room.own;
-        self.nodes[place] = Some(Node::new(&*self.source, room, diamond, outlook));
+        self.nodes[place] = Some(Node::new(source, room, diamond, outlook));
         place
     }
 

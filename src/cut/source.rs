@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::codec::{Matrix, Refined};
-use crate::geo::Frame;
+use crate::geo::{Frame, RasterInfo};
 use crate::lattice::{Diamond, Lattice};
 
 /// What is stored of a refinable diamond beside its detail.
@@ -22,6 +22,16 @@ pub trait DiamondSource: Send + Sync {
     /// The diamonds that there are.
     fn lattice(&self) -> &Lattice;
 
+    /// The level that has all samples. Diamonds from it on have no range of their own: theirs is that of all their parents.
+    fn data_levels(&self) -> u32 {
+        self.lattice().levels()
+    }
+
+    /// The raster that it has the samples of, if that is known.
+    fn georeference(&self) -> Option<&RasterInfo> {
+        None
+    }
+
     /// From grid coordinates to the world.
     fn frame(&self) -> &Frame;
 
@@ -40,7 +50,8 @@ pub trait DiamondSource: Send + Sync {
     fn range(&self) -> [i32; 2];
 
     /// Error and range of a refinable diamond. `parent_range` is the decoded range of its first
-    /// existing parent in [`Lattice::parents`]' order ([`range`](Self::range) for the root).
+    /// existing parent in [`Lattice::parents`]' order ([`range`](Self::range) for the root), or that of both from
+    /// [`data_levels`](Self::data_levels) on.
     fn summary(&self, diamond: Diamond, parent_range: [i32; 2]) -> Result<Summary>;
 
     /// The heights of a refinable diamond on the next level, given its vertex matrix.

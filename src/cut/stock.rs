@@ -2,7 +2,7 @@
 
 use super::graph::Content;
 use super::patch::Patch;
-use crate::lattice::Lattice;
+use super::samples::Ground;
 use std::sync::Arc;
 
 /// Most pieces kept of a kind. A still flight exchanges fewer in a frame.
@@ -19,9 +19,9 @@ pub(super) struct Stock {
 
 impl Stock {
     /// Storage for a diamond none of whose halves has arrived.
-    pub fn take_content(&mut self, lattice: &Lattice) -> Content {
+    pub fn take_content(&mut self, ground: &Ground, has_births: bool) -> Content {
         let stored = self.contents.pop();
-        stored.unwrap_or_else(|| Content::new(lattice))
+        stored.unwrap_or_else(|| Content::new(ground, has_births))
     }
 
     /// Storage, empty, for so many floats.
@@ -36,7 +36,7 @@ impl Stock {
 
     pub fn give_content(&mut self, mut content: Content) {
         if self.contents.len() < MOST {
-            content.vertices.valid = None;
+            content.samples.clear();
             self.contents.push(content);
         }
     }
@@ -64,9 +64,7 @@ impl Stock {
 
     fn bytes(&self) -> u64 {
         let patch = self.vertices.first().map_or(0, |all| size_of_val(&**all));
-        let content = self.contents.first().map_or(0, |content| {
-            size_of_val(&*content.vertices.values) + size_of_val(&*content.slopes)
-        });
+        let content = self.contents.first().map_or(0, |content| content.bytes());
         (patch * self.vertices.len() + content * self.contents.len()) as u64
     }
 }

@@ -1,14 +1,12 @@
 //! The details of diamonds: decoded when they are needed, or ahead of it by threads.
 
-use super::DiamondSource;
-use crate::codec::{Matrix, Refined};
+use super::samples::{Finer, Ground, Samples};
 use crate::lattice::Diamond;
 use crate::schedule::{Ranked, Workers};
 use crate::{Error, Result};
 use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::Arc;
 
 /// Most requests for each thread: about what it decodes between two frames.
 const REQUESTS: u64 = 64;
@@ -17,9 +15,9 @@ const SHARE: u64 = 8;
 
 /// Where a cut gets the details of its diamonds from.
 pub(super) struct Supply {
-    source: Arc<dyn DiamondSource>,
+    ground: Ground,
     /// None where the cut decodes for itself.
-    workers: Option<Workers<Diamond, Matrix, Detail>>,
+    workers: Option<Workers<Diamond, Samples, Detail>>,
     threads: u64,
     /// Bytes of a diamond on its way.
     each: u64,
@@ -38,8 +36,8 @@ pub(super) struct Supply {
 
 type Wanted = Ranked<(Reverse<u32>, Diamond)>;
 
-/// A diamond's vertices, and its heights on the next level.
-pub(super) type Detail = (Matrix, Result<Refined>);
+/// A diamond on its own level and on the next.
+pub(super) type Detail = (Samples, Result<Finer>);
 
 /// An answer that is not used yet.
 pub(super) struct Ready {
@@ -54,23 +52,21 @@ impl Supply {
     /// # Errors
     ///
     /// [`Error::Io`] where the system starts no more threads.
-    pub fn new(source: Arc<dyn DiamondSource>, threads: usize) -> Result<Supply> {
-        let decoder = source.clone();
-        let work = move |diamond, vertices: Matrix| {
-            let refined = decoder.refine(diamond, &vertices);
-            (vertices, refined)
+    pub fn new(ground: Ground, threads: usize) -> Result<Supply> {
+        let decoder = ground.clone();
+        let work = move |diamond, own: Samples| {
+            let finer = decoder.refine(diamond, &own);
+            (own, finer)
         };
         let workers = (threads > 0)
             .then(|| Workers::start(threads, work))
             .transpose()
             .map_err(Error::io(Path::new("decoding threads"), "cannot start"))?;
-        let cells = source.lattice().cells() as u64;
-        // Vertices on both levels and centres, with their masks.
-        let entries = 2 * (cells + 1) * (cells + 1) + cells * cells;
-        let each = entries * (size_of::<i32>() as u64 + 1);
-        let least = 2 * u64::from(source.lattice().levels().max(1));
+        // Vertices on both levels and centres, fewer than these, with their masks.
+        let each = 3 * ground.bytes().iter().sum::<u64>();
+        let least = 2 * u64::from(ground.heights.lattice().levels().max(1));
         Ok(Supply {
-            source,
+            ground,
             workers,
             threads: threads as u64,
             each,
@@ -162,23 +158,23 @@ impl Supply {
         }
     }
 
-    /// The detail of a diamond with these vertices.
+    /// The detail of a diamond with these samples.
     ///
     /// # Errors
     ///
-    /// Those of [`DiamondSource::refine`].
-    pub fn take(&mut self, diamond: Diamond, vertices: &Matrix) -> Result<Refined> {
+    /// Those of [`Ground::refine`].
+    pub fn take(&mut self, diamond: Diamond, own: &Samples) -> Result<Finer> {
         match self.ready.remove(&diamond) {
             Some(ready) => ready.detail.1,
-            None => self.source.refine(diamond, vertices),
+            None => self.ground.refine(diamond, own),
         }
     }
 
     /// Ends an update: asks for what is wanted, and for nothing else any more. Gives the number of what is wanted now.
-    /// `vertices` gives those of a diamond, with the help of what is ready, or `None` where they cannot be known yet.
+    /// `samples` gives those of a diamond, with the help of what is ready, or `None` where they cannot be known yet.
     pub fn end(
         &mut self,
-        vertices: impl Fn(&HashMap<Diamond, Ready>, Diamond) -> Option<Matrix>,
+        samples: impl Fn(&HashMap<Diamond, Ready>, Diamond) -> Option<Samples>,
     ) -> u64 {
         let Some(workers) = &self.workers else {
             return 0;
@@ -187,7 +183,7 @@ impl Supply {
             wanted.sort_unstable_by(|a, b| b.cmp(a));
         }
         let all = self.wanted.iter().chain(&self.wanted_later);
-        let request = |diamond| vertices(&self.ready, diamond);
+        let request = |diamond| samples(&self.ready, diamond);
         let diamonds = all.map(|wanted| wanted.item.1);
         workers.handover().reissue(diamonds, request);
         self.wanted.len() as u64

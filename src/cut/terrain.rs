@@ -3,7 +3,7 @@
 use super::layer::Layer;
 use super::source::{DiamondSource, Summary};
 use crate::codec::{Components, Matrix, Refined, Units};
-use crate::geo::Frame;
+use crate::geo::{Frame, RasterInfo};
 use crate::lattice::{Diamond, Lattice};
 use crate::store::Access;
 use crate::{Error, Result};
@@ -53,6 +53,11 @@ impl Terrain {
         })
     }
 
+    /// The repository.
+    pub fn layer(&self) -> &Arc<Layer> {
+        &self.layer
+    }
+
     /// From integer units to the raster's samples.
     pub fn units(&self) -> &Units {
         &self.units
@@ -74,6 +79,10 @@ impl DiamondSource for Terrain {
 
     fn frame(&self) -> &Frame {
         &self.frame
+    }
+
+    fn georeference(&self) -> Option<&RasterInfo> {
+        Some(self.layer.raster_info())
     }
 
     fn height_to_world(&self) -> [f64; 2] {

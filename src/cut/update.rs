@@ -2,16 +2,19 @@
 
 mod requests;
 
+use super::beyond::{Beyond, Detail};
 use super::changes::Changes;
+use super::colours::{Colouring, Colours};
 use super::foresight::Impasse;
 use super::graph::Graph;
-use super::patch::{GridToWorld, Patch, VertexForm};
-use super::projection::Projection;
+use super::patch::{GridToWorld, Patch, PatchMaker, VertexForm};
+use super::projection::{Projection, Scale};
 use super::queues::{Entry, Queues};
+use super::samples::Ground;
 use super::skeleton::{Cost, Shortage, Skeleton};
 use super::{DiamondSource, Metric, View};
 use crate::Error;
-use crate::lattice::Diamond;
+use crate::lattice::{Diamond, Lattice};
 use crate::log::{LogLevel, log};
 use crate::schedule::{Budget, Deadline};
 use std::sync::Arc;
@@ -35,7 +38,7 @@ const NO_VIEW: View = View {
 };
 
 /// Choices that hold for the life of a cut.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct CutOptions {
     /// What the vertices of its patches hold.
     pub vertex_form: VertexForm,
@@ -43,15 +46,32 @@ pub struct CutOptions {
     pub metric: Metric,
     /// Threads that decode; with 0, updates decode for themselves.
     pub threads: usize,
+    /// Colours on it. Where they are finer than heights, heights are divided; where they are coarser, they are.
+    pub colours: Option<Colouring>,
+    /// Detail beyond the finest heights.
+    pub detail: Detail,
+    /// Patches tell where their vertices came from.
+    pub births: bool,
+}
+
+impl CutOptions {
+    /// Heights by themselves, in expanded form, decoded by the updates.
+    pub const DEFAULT: CutOptions = CutOptions {
+        vertex_form: VertexForm::Expanded,
+        metric: Metric::Geometric,
+        threads: 0,
+        colours: None,
+        detail: Detail {
+            levels: 0,
+            roughness: 0.0,
+        },
+        births: false,
+    };
 }
 
 impl Default for CutOptions {
-    fn default() -> Self {
-        CutOptions {
-            vertex_form: VertexForm::Expanded,
-            metric: Metric::Geometric,
-            threads: 0,
-        }
+    fn default() -> CutOptions {
+        CutOptions::DEFAULT
     }
 }
 
@@ -94,7 +114,7 @@ pub struct Stats {
 /// time.
 pub struct Cut {
     graph: Graph,
-    metric: Metric,
+    scale: Scale,
     threads: usize,
     triangle_strip: Box<[u16]>,
     /// Halves drawn of the root alone, and its bytes.
@@ -141,16 +161,26 @@ impl Cut {
     ///
     /// # Errors
     ///
-    /// Those of the source's root summary.
+    /// Those of the source's root summary; [`Error::Input`](crate::Error::Input) for colours that are not over its domain;
+    /// [`Error::Argument`](crate::Error::Argument) for options that cannot be; [`Error::Io`](crate::Error::Io) where the
+    /// system starts no more threads.
     pub fn new(source: Arc<dyn DiamondSource>, options: CutOptions) -> crate::Result<Cut> {
-        let graph = Graph::new(source, options.vertex_form, options.threads)?;
+        let ground = ground(source, &options)?;
+        let colours = ground.colours.as_ref();
+        let scale = Scale {
+            metric: options.metric,
+            cells: ground.heights.lattice().cells(),
+            texels: colours.map(|all| (all.lattice().cells(), all.texel_pixels)),
+        };
+        let maker = PatchMaker::new(&ground, options.vertex_form, options.births);
+        let graph = Graph::new(ground, maker, options.threads)?;
         let skeleton = graph.skeleton();
         let drawn = skeleton.nodes().map(|(_, node)| node.drawn_halves()).sum();
         Ok(Cut {
             triangle_strip: graph.maker().grid().triangle_strip().into(),
             root: [drawn, skeleton.bytes()],
             graph,
-            metric: options.metric,
+            scale,
             threads: options.threads,
             queues: Queues::default(),
             chain: Vec::new(),
@@ -180,7 +210,6 @@ impl Cut {
     pub fn update(&mut self, view: &View, budget: &Budget) -> crate::Result<Stats> {
         let began = Instant::now();
         let guard = if self.short_of_bytes { 1.0 } else { GUARD_BAND };
-        let cells = self.skeleton().source().lattice().cells();
         let reserve = self.graph.supply().reserve(budget.bytes);
         let budget = &Budget {
             bytes: budget.bytes.saturating_sub(reserve),
@@ -188,7 +217,7 @@ impl Cut {
         };
         let mut pass = Pass {
             view,
-            projection: Projection::new(view, guard, self.metric, cells)?,
+            projection: Projection::new(view, guard, self.scale)?,
             tolerance: view.tolerance,
             budget,
             deadline: Deadline::after(began, budget.microseconds),
@@ -234,6 +263,12 @@ impl Cut {
         stats.fixed_microseconds = (judged + listing.elapsed()).as_secs_f64() * 1e6;
         stats.microseconds = began.elapsed().as_secs_f64() * 1e6;
         Ok(stats)
+    }
+
+    /// The diamonds that there may be. Its samples are what grid coordinates count: finer than those of the source, where
+    /// there are colours or detail beyond.
+    pub fn lattice(&self) -> &Lattice {
+        self.skeleton().source().lattice()
     }
 
     /// What the last update leaves to draw: the drawn halves that meet the frustum, near to far.
@@ -534,4 +569,24 @@ fn squared_distance(eye: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> f64 {
         beyond * beyond
     };
     axis(0) + axis(1) + axis(2)
+}
+
+/// The heights and colours of a cut, as deep as both of them and its detail.
+fn ground(source: Arc<dyn DiamondSource>, options: &CutOptions) -> crate::Result<Ground> {
+    let own = source.lattice().levels();
+    let colours = options.colours.as_ref();
+    let finest = colours.map_or(0, |colours| colours.layer.lattice().levels());
+    let levels = options.detail.levels.max(finest.saturating_sub(own));
+    let heights: Arc<dyn DiamondSource> = match levels {
+        0 => source,
+        _ => Arc::new(Beyond::new(
+            source,
+            Detail {
+                levels,
+                ..options.detail
+            },
+        )?),
+    };
+    let colours = colours.map(|colouring| Colours::new(colouring, &*heights, own + levels));
+    Ok(Ground::new(heights, colours.transpose()?.map(Arc::new)))
 }

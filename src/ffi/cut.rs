@@ -3,13 +3,15 @@
 use std::sync::atomic::AtomicBool;
 
 use super::boundary::{
-    Failure, Handle, SizedStruct, boundary, input_struct, output, output_struct,
+    Failure, Handle, SizedStruct, boundary, input_struct, output, output_struct, required,
 };
 use super::patch::kmb_patch;
 use super::query::KMB_UNLIMITED;
 use super::repository::kmb_repository;
 use super::status::kmb_status;
-use crate::cut::{Changes, Cut, CutOptions, Metric, Stats, VertexForm, View};
+use crate::cut::{
+    Changes, ColourForm, Colouring, Cut, CutOptions, Detail, Metric, Stats, VertexForm, View,
+};
 use crate::schedule::Budget;
 
 /// What a vertex of a patch holds. All are floats without padding between them.
@@ -36,7 +38,18 @@ pub enum kmb_metric {
     KMB_METRIC_SAMPLING = 1,
 }
 
-/// How to make a cut.
+/// What patches have of the colours of a cut.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum kmb_colour_form {
+    /// A square texture over the patch's whole diamond, texture_side texels a side, row by row without padding, 3 bytes
+    /// each: red, green, blue. Beyond the patch's long side it is mirrored.
+    KMB_COLOUR_TEXTURE = 0,
+    /// 4 bytes for each vertex: red, green, blue, 255.
+    KMB_COLOUR_VERTICES = 1,
+}
+
+/// How to make a cut. What is 0 stands for what no options stand for.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct kmb_cut_options {
@@ -48,6 +61,23 @@ pub struct kmb_cut_options {
     pub metric: u32,
     /// Threads that decode for the cut, at most 64. With 0, updates decode for themselves, within their budgets.
     pub threads: u32,
+    /// A repository of colours over the same domain (built with --domain-of), or NULL. Its diamonds may have other cells
+    /// and be deeper: then those of heights are divided further, and grid coordinates count finer steps. It may be
+    /// closed before the cut is destroyed.
+    pub colours: *const kmb_repository,
+    /// A kmb_colour_form.
+    pub colour_form: u32,
+    /// 1 where patches are to tell where their vertices came from; else 0.
+    pub births: u32,
+    /// How large texels may be on the screen, in pixels, before finer ones are taken; 0 for 1.
+    pub texel_pixels: f64,
+    /// Levels beyond the finest heights, an even number.
+    pub detail_levels: u32,
+    /// 0.
+    pub reserved: u32,
+    /// Detail on these levels: the most that a new vertex is moved, up or down, as a part of the edge that it divides,
+    /// 0 to 0.3. The moves are random, by the vertex's place: the same everywhere.
+    pub roughness: f64,
 }
 
 /// A camera, in world coordinates.
@@ -139,7 +169,7 @@ pub struct kmb_grid_to_world {
     pub step: [f64; 3],
 }
 
-// SAFETY: repr(C) with struct_size first, and integers only.
+// SAFETY: repr(C) with struct_size first, and integers, floats and a raw pointer only.
 unsafe impl SizedStruct for kmb_cut_options {
     const NAME: &'static str = "kmb_cut_options";
 }
@@ -189,7 +219,8 @@ impl Handle for kmb_cut {
 ///
 /// May be called with the same repository from several threads at once.
 ///
-/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_IO, KMB_DAMAGED, KMB_PANIC.
+/// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_IO, KMB_DAMAGED, KMB_INPUT
+/// (the colours are not over the heights' domain, or have too few texels), KMB_PANIC.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn kmb_cut_create(
     repository: *const kmb_repository,
@@ -199,14 +230,11 @@ pub unsafe extern "C" fn kmb_cut_create(
     boundary!(shared repository: kmb_repository, {
         // SAFETY: the caller passes pointers as the header asks.
         let out = unsafe { output(cut, "cut") }?;
-        let mut chosen = CutOptions::default();
-        if !options.is_null() {
+        let chosen = match options.is_null() {
+            true => CutOptions::default(),
             // SAFETY: as above.
-            let options = unsafe { input_struct(options) }?;
-            chosen.vertex_form = chosen_form(options.vertex_form)?;
-            chosen.metric = chosen_metric(options.metric)?;
-            chosen.threads = chosen_threads(options.threads)?;
-        }
+            false => chosen(&unsafe { input_struct(options) }?)?,
+        };
         let cut = Cut::new(repository.terrain()?, chosen)?;
         let mut made = kmb_cut {
             broken: AtomicBool::new(false),
@@ -219,6 +247,44 @@ pub unsafe extern "C" fn kmb_cut_create(
         out.write(Box::into_raw(Box::new(made)));
         Ok(())
     })
+}
+
+fn chosen(options: &kmb_cut_options) -> Result<CutOptions, Failure> {
+    Ok(CutOptions {
+        vertex_form: chosen_form(options.vertex_form)?,
+        metric: chosen_metric(options.metric)?,
+        threads: chosen_threads(options.threads)?,
+        colours: chosen_colours(options)?,
+        detail: Detail {
+            levels: options.detail_levels,
+            roughness: options.roughness,
+        },
+        births: options.births != 0,
+    })
+}
+
+fn chosen_colours(options: &kmb_cut_options) -> Result<Option<Colouring>, Failure> {
+    let form = match options.colour_form {
+        number if number == kmb_colour_form::KMB_COLOUR_TEXTURE as u32 => ColourForm::Texture,
+        number if number == kmb_colour_form::KMB_COLOUR_VERTICES as u32 => ColourForm::Vertices,
+        number => {
+            let message = format!("colour form {number} is unknown");
+            return Err(Failure::argument(message));
+        }
+    };
+    if options.colours.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: the caller passes a repository that lives.
+    let repository = unsafe { required(options.colours, "colours") }?;
+    Ok(Some(Colouring {
+        layer: repository.layer.clone(),
+        form,
+        texel_pixels: match options.texel_pixels {
+            0.0 => 1.0,
+            pixels => pixels,
+        },
+    }))
 }
 
 fn chosen_form(number: u32) -> Result<VertexForm, Failure> {

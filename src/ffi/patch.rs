@@ -36,8 +36,8 @@ pub struct kmb_patch_info {
     pub half: u32,
     /// 1 where it uses the shared triangles of its cut, 0 where it has its own.
     pub complete: u32,
-    /// 0.
-    pub reserved: u32,
+    /// Texels along a side of its texture; 0 where it has none.
+    pub texture_side: u32,
     /// Grid coordinates (column, row, height unit) that its vertices are relative to: integers.
     pub origin: [f64; 3],
     /// Grid steps (columns, rows) of p, in legs[0], and of q, in legs[1].
@@ -56,6 +56,18 @@ pub struct kmb_patch_info {
     pub indices: *const u16,
     /// Indices at `indices`; 0 where `complete` is 1, or where it has no triangle.
     pub index_count: usize,
+    /// Its colours in the form that the cut was made for; NULL without colours.
+    pub colours: *const u8,
+    /// Bytes at `colours`.
+    pub colour_bytes: usize,
+    /// Texture coordinates, 0 to 1, of the right angle, of the end of p and of the end of q, in the middles of their
+    /// texels: the first along a row of the texture. Those of vertices lie evenly between.
+    pub texture_corners: [[f32; 2]; 3],
+    /// Where its vertices came from, 2 floats each: the height, relative to the patch's origin in height units, of the
+    /// middle of the edge that the vertex divided when it came; and the level of the diamonds that first had it. All
+    /// patches that share a vertex tell the same of it, so that what blends from one height to the other by this level
+    /// and the vertex's place has no cracks. NULL where the cut was not made for it.
+    pub births: *const f32,
 }
 
 // SAFETY: repr(C) with struct_size first, and integers, floats and raw pointers only.
@@ -83,6 +95,8 @@ pub unsafe extern "C" fn kmb_patch_describe(
             )
         };
         let indices = patch.indices.as_deref();
+        let colours = patch.colours.as_ref();
+        let births = patch.births.as_deref();
         out.write(kmb_patch_info {
             struct_size: size_of::<kmb_patch_info>() as u32,
             level: patch.level,
@@ -90,7 +104,7 @@ pub unsafe extern "C" fn kmb_patch_describe(
             diamond: [patch.diamond.x, patch.diamond.y, patch.diamond.z],
             half: u32::from(patch.half),
             complete: u32::from(indices.is_none()),
-            reserved: 0,
+            texture_side: colours.map_or(0, |colours| colours.texture_side as u32),
             origin: patch.origin,
             legs: patch.legs,
             corners: patch.corners,
@@ -100,6 +114,10 @@ pub unsafe extern "C" fn kmb_patch_describe(
             vertex_floats: patch.vertices.len(),
             indices: indices.map_or(std::ptr::null(), <[u16]>::as_ptr),
             index_count: indices.map_or(0, <[u16]>::len),
+            colours: colours.map_or(std::ptr::null(), |colours| colours.bytes.as_ptr()),
+            colour_bytes: colours.map_or(0, |colours| colours.bytes.len()),
+            texture_corners: colours.map_or([[0.0; 2]; 3], |colours| colours.texture_corners),
+            births: births.map_or(std::ptr::null(), |births| births.as_ptr().cast()),
         });
         Ok(())
     })

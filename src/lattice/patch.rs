@@ -45,6 +45,14 @@ impl Apex {
         }
     }
 
+    /// Matrix indices of the vertex across the hypotenuse.
+    pub fn mirrored(self, cells: usize, i: usize, j: usize) -> (usize, usize) {
+        match self {
+            Apex::Right | Apex::Bottom => (j, i),
+            Apex::Origin | Apex::Far => (cells - j, cells - i),
+        }
+    }
+
     /// Whether cell (i, j)'s centre belongs to the closed half.
     pub fn holds_centre(self, cells: usize, i: usize, j: usize) -> bool {
         match self {

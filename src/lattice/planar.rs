@@ -84,6 +84,10 @@ impl Lattice {
                 "a raster of {width} x {height} samples is beyond the lattice's {ROOT_SIDE} cells"
             )));
         };
+        Ok(Lattice::of_depth([width, height], cells_log2, depth))
+    }
+
+    fn of_depth([width, height]: [u32; 2], cells_log2: u32, depth: u32) -> Lattice {
         let mut lattice = Lattice {
             width,
             height,
@@ -95,7 +99,28 @@ impl Lattice {
             let next = lattice.level_starts[level as usize] + lattice.extent(level).count();
             lattice.level_starts.push(next);
         }
-        Ok(lattice)
+        lattice
+    }
+
+    /// The lattice over the same root square and domain with so many more levels, an even number: its diamonds up to this one's
+    /// leaf level are the same, and its samples lie on these and `2^(more / 2) - 1` between two of them.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for an odd number, or more levels than a lattice can have.
+    pub fn finer(&self, more: u32) -> Result<Lattice> {
+        let halvings = more / 2;
+        let depth = self.depth.saturating_add(halvings);
+        if more % 2 != 0 || depth > 30 - self.cells_log2 {
+            let (own, cells) = (self.levels(), self.cells());
+            return Err(Error::Argument(format!(
+                "{more} levels beyond {own} of {cells} cells: they must be even and at most {} in all",
+                2 * (30 - self.cells_log2)
+            )));
+        }
+        let finer = |side: u32| ((side - 1) << halvings) + 1;
+        let sides = [self.width, self.height].map(finer);
+        Ok(Lattice::of_depth(sides, self.cells_log2, depth))
     }
 
     /// Samples a row.
@@ -140,6 +165,12 @@ impl Lattice {
             (i64::from(self.width) - 1) * step,
             (i64::from(self.height) - 1) * step,
         ]
+    }
+
+    /// Whether its domain covers the same part of the root square as another's, whose samples may be closer or farther apart:
+    /// then both have the same diamonds down to the leaf level of one of them.
+    pub fn has_domain_of(&self, other: &Lattice) -> bool {
+        self.far_corner() == other.far_corner()
     }
 
     /// Whether `diamond` is one of this lattice: its open square meets the open domain.

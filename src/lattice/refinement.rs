@@ -49,10 +49,7 @@ pub fn reflect_absent_half<T: Copy>(cells: usize, absent: Apex, matrix: &mut [T]
     for j in 0..side {
         let (first, last) = absent.row(cells as i64, j as i64);
         for i in first as usize..=last as usize {
-            let (a, b) = match absent {
-                Apex::Right | Apex::Bottom => (j, i),
-                Apex::Origin | Apex::Far => (cells - j, cells - i),
-            };
+            let (a, b) = absent.mirrored(cells, i, j);
             matrix[j * side + i] = matrix[b * side + a];
         }
     }

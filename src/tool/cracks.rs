@@ -1,12 +1,12 @@
 //! Whether the buffers that a cut hands out fit together.
 
-use crate::cut::Patch;
+use crate::cut::{Patch, PatchColours};
 use crate::lattice::Lattice;
 use std::collections::HashSet;
 
 /// Counts the places where patches that cover the domain do not fit together to the bit:
 ///
-/// - a border vertex whose height, slopes or normal differ in two patches that have it;
+/// - a border vertex whose height, slopes or normal, colour or birth differ in two patches that have it;
 /// - a side with a corner of another patch in its middle (a T-junction), or with more than two patches;
 /// - a border segment that one patch alone draws, unless it may be open.
 ///
@@ -46,7 +46,7 @@ pub fn count_cracks<'a>(
 #[derive(Clone, Copy, PartialEq, Eq)]
 struct BorderVertex {
     key: u64,
-    bits: [u32; 4],
+    bits: [u32; 7],
     /// The patch draws the segment from here to the next vertex of the side.
     is_drawn: bool,
 }
@@ -201,16 +201,43 @@ fn border_vertex(patch: &Patch, cells: usize, at: GridVertex) -> BorderVertex {
         };
         (patch.origin[axis] + f64::from(step)) as i64
     });
-    let mut bits = [0; 4];
+    let mut bits = [0; 7];
     let held = if is_expanded { &vertex[2..] } else { vertex };
     for (bits, value) in bits.iter_mut().zip(held) {
         *bits = value.to_bits();
+    }
+    bits[4] = patch
+        .colours
+        .as_ref()
+        .map_or(0, |all| colour(all, cells, at));
+    if let Some(births) = &patch.births {
+        bits[5..].copy_from_slice(&births[at.index].map(f32::to_bits));
     }
     BorderVertex {
         key: key(position),
         bits,
         is_drawn: false,
     }
+}
+
+/// The colour of a vertex; of a texture with fewer texels than vertices none, since not every vertex has one.
+fn colour(colours: &PatchColours, cells: usize, at: GridVertex) -> u32 {
+    let side = colours.texture_side;
+    if side == 0 {
+        let own = &colours.bytes[4 * at.index..];
+        return u32::from_be_bytes([own[0], own[1], own[2], own[3]]);
+    }
+    if side <= cells {
+        return 0;
+    }
+    let [origin, p, q] = colours.texture_corners;
+    let texel = [0, 1].map(|axis| {
+        let along =
+            |step: usize, end: [f32; 2]| step as f32 / cells as f32 * (end[axis] - origin[axis]);
+        ((origin[axis] + along(at.p, p) + along(at.q, q)) * side as f32) as usize
+    });
+    let own = &colours.bytes[3 * (texel[1] * side + texel[0])..];
+    u32::from_be_bytes([own[0], own[1], own[2], 255])
 }
 
 /// Whether a segment, along an axis or a diagonal, has a point in the open domain.

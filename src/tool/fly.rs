@@ -3,14 +3,14 @@
 use super::bands::Bands;
 use super::cracks::count_cracks;
 use super::{Progress, flight, quantile};
-use crate::cut::{Cut, CutOptions, DiamondSource, Metric, Stats, Terrain, VertexForm, Window};
+use crate::cut::{Cut, CutOptions, DiamondSource, Stats, Terrain, Window};
+use crate::lattice::Lattice;
 use crate::schedule::Budget;
 use crate::{Error, Result};
 use std::sync::Arc;
 use std::time::Instant;
 
 /// How to fly.
-#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flight {
     /// Number of frames.
     pub frames: u32,
@@ -18,10 +18,8 @@ pub struct Flight {
     pub viewport: [u32; 2],
     /// Largest error on screen that need not be refined, in pixels.
     pub tolerance: f64,
-    /// What the tolerance is about.
-    pub metric: Metric,
-    /// Threads that decode; with 0, frames decode for themselves.
-    pub threads: usize,
+    /// How to make the cut.
+    pub options: CutOptions,
     /// Time for refinement in a frame; `None` sets no limit.
     pub budget_microseconds: Option<u64>,
 }
@@ -62,19 +60,12 @@ pub struct FlightReport {
 pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Result<FlightReport> {
     check(flight)?;
     let views = flight::views(terrain, flight.frames, flight.viewport, flight.tolerance)?;
-    let mut cut = Cut::new(
-        terrain.clone(),
-        CutOptions {
-            vertex_form: VertexForm::Expanded,
-            metric: flight.metric,
-            threads: flight.threads,
-        },
-    )?;
+    let mut cut = Cut::new(terrain.clone(), flight.options.clone())?;
     let budget = Budget {
         microseconds: flight.budget_microseconds.unwrap_or(u64::MAX),
         ..Budget::UNLIMITED
     };
-    let voids = Voids::new(terrain)?;
+    let voids = Voids::new(terrain, cut.lattice())?;
     let mut log = Log::default();
     for (frame, view) in views.iter().enumerate() {
         if !progress(frame as u64, views.len() as u64) {
@@ -86,7 +77,7 @@ pub fn fly(terrain: &Arc<Terrain>, flight: &Flight, progress: Progress) -> Resul
         // As a program that draws would, so that the lists of changes do not pile up.
         cut.take_changes();
         let patches = cut.all_patches().map(Arc::as_ref);
-        let cracks = count_cracks(patches, terrain.lattice(), |a, b| voids.may_border(a, b));
+        let cracks = count_cracks(patches, cut.lattice(), |a, b| voids.may_border(a, b));
         log.add(&stats, microseconds, cracks);
     }
     Ok(log.report())
@@ -115,17 +106,20 @@ fn check(flight: &Flight) -> Result<()> {
 struct Voids {
     width: i64,
     height: i64,
+    /// Grid steps of the cut from one sample to the next.
+    step: i64,
     /// One bit a sample, row by row; empty where the terrain has no void.
     bits: Vec<u64>,
 }
 
 impl Voids {
-    fn new(terrain: &Terrain) -> Result<Voids> {
+    fn new(terrain: &Terrain, grid: &Lattice) -> Result<Voids> {
         let info = terrain.raster_info();
         let (width, height) = (i64::from(info.width), i64::from(info.height));
         let mut voids = Voids {
             width,
             height,
+            step: terrain.lattice().sample_step() / grid.sample_step(),
             bits: Vec::new(),
         };
         if terrain.header().void_samples == 0 {
@@ -155,9 +149,11 @@ impl Voids {
         if self.bits.is_empty() {
             return false;
         }
-        let low = [0, 1].map(|axis| a[axis].min(b[axis]));
-        let high = [0, 1].map(|axis| a[axis].max(b[axis]));
+        let low = [0, 1].map(|axis| a[axis].min(b[axis]).div_euclid(self.step));
+        let above = |place: i64| (place + self.step - 1).div_euclid(self.step);
+        let high = [0, 1].map(|axis| above(a[axis].max(b[axis])));
         if high[0] - low[0] > 1 || high[1] - low[1] > 1 {
+            let [a, b] = [a, b].map(|end| end.map(|along| along / self.step));
             return self.is_void(a) && self.is_void(b);
         }
         let rows = low[1] - 1..=high[1] + 1;

@@ -12,7 +12,7 @@ const FACTOR: f64 = 1.05;
 /// Largest errors at the last of some stands of a cut that has settled at each, and of a fresh cut.
 fn errors(scene: &Scene, options: CutOptions, stands: &[Stand], budget: &Budget) -> [f64; 2] {
     let source = Arc::new(scene.source());
-    let mut cut = Cut::new(source.clone(), options).unwrap();
+    let mut cut = Cut::new(source.clone(), options.clone()).unwrap();
     let mut here = view(&source, stands[0]);
     let mut old = 0.0;
     for &stand in stands {

@@ -3,7 +3,7 @@
 use crate::scenes::*;
 use crate::support::camera::{Depth, looking_with};
 use crate::support::memory::MemorySource;
-use kimberlite::cut::{Cut, DiamondSource, Patch, View};
+use kimberlite::cut::{Cut, DiamondSource, Patch, VertexForm, View};
 use kimberlite::lattice::Lattice;
 use kimberlite::schedule::Budget;
 use kimberlite::tool::count_cracks;
@@ -298,7 +298,7 @@ fn conventions_of_depth_do_not_change_the_cut() {
 fn the_crack_checker_sees_cracks() {
     let source = mountains();
     for options in [COMPACT, EXPANDED] {
-        let mut cut = Cut::new(source.clone(), options).unwrap();
+        let mut cut = Cut::new(source.clone(), options.clone()).unwrap();
         settle(&mut cut, &close_up(&source), &Budget::UNLIMITED);
         let whole: Vec<Patch> = cut.all_patches().map(|patch| (**patch).clone()).collect();
         let count = |patches: &[Patch]| count_strictly(patches, source.lattice());
@@ -314,7 +314,7 @@ fn the_crack_checker_sees_cracks() {
             .unwrap();
         // A height, a slope or a normal that differs; a patch that is missing; one that is coarser.
         for float in 0..whole[middle].vertices.len() / 45 {
-            if options == EXPANDED && float < 2 {
+            if options.vertex_form == VertexForm::Expanded && float < 2 {
                 continue;
             }
             let mut torn = whole.clone();

@@ -76,7 +76,7 @@ fn next_budget(dice: &mut Dice, budget: Budget) -> Budget {
 /// 2,000 frames, of which every 500th is followed by 300 still ones where no threads decode.
 fn fly(microseconds: u64, options: CutOptions) {
     let source = Arc::new(MemorySource::exact(hills(129, 97, 5, Voids::None), 3));
-    let mut cut = Cut::new(source.clone(), options).unwrap();
+    let mut cut = Cut::new(source.clone(), options.clone()).unwrap();
     let mut dice = Dice(microseconds);
     let mut budget = Budget {
         microseconds,

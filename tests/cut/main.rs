@@ -4,6 +4,7 @@ mod best;
 mod cases;
 mod conformity;
 mod flights;
+mod grounds;
 mod metrics;
 mod missing;
 mod properties;

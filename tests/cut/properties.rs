@@ -324,6 +324,11 @@ impl Surface {
         Surface { heights }
     }
 
+    /// All samples covered, with their heights.
+    pub fn places(&self) -> impl Iterator<Item = ([i64; 2], f64)> + '_ {
+        self.heights.iter().map(|(&place, &height)| (place, height))
+    }
+
     pub fn height(&self, place: [i64; 2]) -> Option<f64> {
         self.heights.get(&place).copied()
     }

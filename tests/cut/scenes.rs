@@ -10,14 +10,9 @@ use proptest::prelude::*;
 
 pub const COMPACT: CutOptions = CutOptions {
     vertex_form: VertexForm::Compact,
-    metric: Metric::Geometric,
-    threads: 0,
+    ..EXPANDED
 };
-pub const EXPANDED: CutOptions = CutOptions {
-    vertex_form: VertexForm::Expanded,
-    metric: Metric::Geometric,
-    threads: 0,
-};
+pub const EXPANDED: CutOptions = CutOptions::DEFAULT;
 
 /// Random cases; KIMBERLITE_CASES asks for another number.
 pub fn config(cases: u32) -> ProptestConfig {

@@ -340,8 +340,7 @@ fn check_report(case: &Case, raster: &Raster) -> Result<(), TestCaseError> {
         frames: 4,
         viewport: [640, 480],
         tolerance: 0.5,
-        metric: kimberlite::cut::Metric::Geometric,
-        threads: 0,
+        options: kimberlite::cut::CutOptions::default(),
         budget_microseconds: None,
     };
     prop_assert_eq!(

@@ -47,7 +47,7 @@ pub fn cut(source: Arc<dyn DiamondSource>, metric: Metric) -> Result<Cut> {
     let options = CutOptions {
         vertex_form: VertexForm::Compact,
         metric,
-        threads: 0,
+        ..CutOptions::default()
     };
     Cut::new(source, options)
 }

@@ -256,6 +256,18 @@ pub struct Extract {
 #[derive(Args)]
 pub struct Fly {
     pub file: PathBuf,
+    /// A repository of colours over the same domain, as textures
+    #[arg(long, value_name = "FILE")]
+    pub colour: Option<PathBuf>,
+    /// With --colour: how large texels may be on the screen, in pixels
+    #[arg(long, value_name = "PX", default_value_t = 1.0, requires = "colour")]
+    pub texel_pixels: f64,
+    /// Levels of detail beyond the finest heights, an even number
+    #[arg(long, value_name = "LEVELS", default_value_t = 0)]
+    pub detail: u32,
+    /// With --detail: the most that a vertex is moved, as a part of the edge that it divides
+    #[arg(long, value_name = "PART", default_value_t = 0.0, requires = "detail")]
+    pub roughness: f64,
     /// Number of frames
     #[arg(long, default_value_t = 600)]
     pub frames: u32,

@@ -6,7 +6,7 @@ use crate::report::Report;
 use kimberlite::build::source::{RasterSource, Resampled, open_all, texels_per_sample};
 use kimberlite::build::{self, BuildOptions};
 use kimberlite::codec::Model;
-use kimberlite::cut::{Layer, Metric, Query, Terrain};
+use kimberlite::cut::{ColourForm, Colouring, CutOptions, Detail, Layer, Metric, Query, Terrain};
 use kimberlite::geo::Registration;
 use kimberlite::store::{Access, DomainKind, EntropyKind, Kind, TransformKind};
 use kimberlite::tool::{self, Extract, Flight, Placed, Update, Verdict, peak_memory_bytes};
@@ -420,11 +420,19 @@ fn fly(arguments: &arguments::Fly) -> Result<Report> {
         frames: arguments.frames,
         viewport: arguments.size,
         tolerance: arguments.tolerance,
-        metric: match arguments.metric {
-            arguments::Metric::Geometric => Metric::Geometric,
-            arguments::Metric::Sampling => Metric::Sampling,
+        options: CutOptions {
+            metric: match arguments.metric {
+                arguments::Metric::Geometric => Metric::Geometric,
+                arguments::Metric::Sampling => Metric::Sampling,
+            },
+            threads: arguments.threads.into(),
+            colours: colouring(arguments)?,
+            detail: Detail {
+                levels: arguments.detail,
+                roughness: arguments.roughness,
+            },
+            ..CutOptions::default()
         },
-        threads: arguments.threads.into(),
         budget_microseconds: arguments.budget_us,
     };
     let terrain = open_heights(&arguments.file)?;
@@ -444,6 +452,17 @@ fn fly(arguments: &arguments::Fly) -> Result<Report> {
         .with("cracks", flown.cracks)
         .with("refined_diamonds", flown.refined_diamonds)
         .with("peak_memory_bytes", peak_memory_bytes()))
+}
+
+fn colouring(arguments: &arguments::Fly) -> Result<Option<Colouring>> {
+    let Some(file) = &arguments.colour else {
+        return Ok(None);
+    };
+    Ok(Some(Colouring {
+        layer: Arc::new(open(file)?),
+        form: ColourForm::Texture,
+        texel_pixels: arguments.texel_pixels,
+    }))
 }
 
 fn bench(file: &Path) -> Result<Report> {

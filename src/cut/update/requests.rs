@@ -58,8 +58,7 @@ impl Cut {
     /// Asks for what is just outside the screen, and for what will be on it if the camera moves on as it does.
     pub(super) fn look_ahead(&mut self, pass: &Pass, guard: f64) {
         let ahead = pass.view.after(&self.last_view, FORESIGHT);
-        let cells = self.skeleton().source().lattice().cells();
-        let projection = Projection::new(&ahead, guard, self.metric, cells);
+        let projection = Projection::new(&ahead, guard, self.scale);
         let projection = projection.as_ref().unwrap_or(&pass.projection);
         for place in self.skeleton().places() {
             let skeleton = self.skeleton();
