@@ -5,7 +5,7 @@ use glam::DVec3;
 use glam::dcamera::rh::{proj::opengl, view};
 use kimberlite::build::source::RowSource;
 use kimberlite::build::{BuildOptions, build};
-use kimberlite::cut::{Cut, CutOptions, DiamondSource, Metric, Terrain, VertexForm, View};
+use kimberlite::cut::{Cut, CutOptions, DiamondSource, Terrain, VertexForm, View};
 use kimberlite::geo::{RasterInfo, SampleType};
 use kimberlite::schedule::Budget;
 use kimberlite::store::Access;

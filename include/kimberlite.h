@@ -39,7 +39,8 @@
  * WORDS
  *
  * - Grid: column and row of the raster, from 0 at its first sample, row 0 on top; heights in height
- *   units, integers whose meaning kmb_cut_grid_to_world gives.
+ *   units, integers whose meaning kmb_cut_grid_to_world gives. A cut with detail beyond the heights
+ *   or with finer colours counts finer columns, rows and units, which that function gives too.
  * - World: right-handed, x east, y north, z up. The coordinates of the reference system where that
  *   is projected and not rotated; metres from the raster's centre where it is longitude and
  *   latitude. z is the physical height, value_scale * sample + value_offset.
@@ -592,6 +593,15 @@ typedef enum kmb_metric {
     // error.
     KMB_METRIC_SAMPLING = 1,
 } kmb_metric;
+
+// What patches have of the colours of a cut.
+typedef enum kmb_colour_form {
+    // A square texture over the patch's whole diamond, texture_side texels a side, row by row without padding, 3 bytes
+    // each: red, green, blue. Beyond the patch's long side it is mirrored.
+    KMB_COLOUR_TEXTURE = 0,
+    // 4 bytes for each vertex: red, green, blue, 255.
+    KMB_COLOUR_VERTICES = 1,
+} kmb_colour_form;
 
 // The patches that a viewer draws, kept from frame to frame.
 typedef struct kmb_cut kmb_cut;

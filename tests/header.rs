@@ -29,7 +29,7 @@ const SECTIONS: [(&str, &str, &[&str]); 11] = [
     (
         "Cuts: from views to patches",
         "cut",
-        &["kmb_vertex_form", "kmb_metric"],
+        &["kmb_vertex_form", "kmb_metric", "kmb_colour_form"],
     ),
     (
         "Builders: from rows to repositories",

@@ -205,7 +205,7 @@ impl PatchMaker {
             apex: self.lattice.apexes(node.diamond)[half],
             placement: self.lattice.placement(node.diamond),
             // Cells at 45 degrees are cut by the domain's border.
-            draws_valid: node.has_all_samples && node.level % 2 == 0,
+            draws_valid: node.has_all_samples && node.level.is_multiple_of(2),
             content,
         };
         let indices = self.own_indices(&shape);

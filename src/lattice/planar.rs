@@ -111,7 +111,7 @@ impl Lattice {
     pub fn finer(&self, more: u32) -> Result<Lattice> {
         let halvings = more / 2;
         let depth = self.depth.saturating_add(halvings);
-        if more % 2 != 0 || depth > 30 - self.cells_log2 {
+        if !more.is_multiple_of(2) || depth > 30 - self.cells_log2 {
             let (own, cells) = (self.levels(), self.cells());
             return Err(Error::Argument(format!(
                 "{more} levels beyond {own} of {cells} cells: they must be even and at most {} in all",
