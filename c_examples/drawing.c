@@ -20,10 +20,14 @@ static const char *const VERTEX_SHADER =
     "uniform vec3 patch_offset;\n"
     "uniform vec2 height_to_colour;\n"
     "uniform float patch_base;\n"
+    "uniform vec2 texture_origin;\n"
+    "uniform mat2 texture_from_position;\n"
     "invariant gl_Position;\n"
     "out vec3 world_normal;\n"
     "out float relative_height;\n"
+    "out vec2 texel;\n"
     "void main() {\n"
+    "    texel = texture_origin + texture_from_position * position.xy;\n"
     "    gl_Position = clip_from_grid * vec4(position + patch_offset, 1.0);\n"
     "    world_normal = normal;\n"
     "    relative_height = height_to_colour.x + height_to_colour.y * (position.z + patch_base);\n"
@@ -33,7 +37,10 @@ static const char *const FRAGMENT_SHADER =
     "#version 330 core\n"
     "in vec3 world_normal;\n"
     "in float relative_height;\n"
+    "in vec2 texel;\n"
     "uniform int level;\n"
+    "uniform bool has_colours;\n"
+    "uniform sampler2D colours;\n"
     "uniform float sea_level;\n"
     "out vec4 colour;\n"
     "const vec3 ramp[6] = vec3[6](vec3(0.24, 0.42, 0.26), vec3(0.47, 0.58, 0.31), vec3(0.76, 0.72, 0.47),\n"
@@ -43,6 +50,7 @@ static const char *const FRAGMENT_SHADER =
     "    int step_below = min(int(place), 4);\n"
     "    vec3 base = mix(ramp[step_below], ramp[step_below + 1], place - float(step_below));\n"
     "    if (relative_height < sea_level) base = vec3(0.25, 0.42, 0.58);\n"
+    "    if (has_colours) base = texture(colours, texel).rgb;\n"
     "    if (level >= 0) base = 0.55 + 0.4 * cos(vec3(0.0, 2.1, 4.2) + 2.4 * float(level));\n"
     "    vec3 sun = normalize(vec3(-0.55, 0.45, 0.7));\n"
     "    float light = 0.32 + 0.78 * max(dot(normalize(world_normal), sun), 0.0);\n"
@@ -52,10 +60,11 @@ static const char *const FRAGMENT_SHADER =
 struct patch_buffer {
     uint64_t handle;
     struct patch_buffer *next;
-    GLuint array, vertices, indices; /* `indices` is 0 where the shared ones are used */
+    GLuint array, vertices, indices, texture; /* `indices` is 0 where the shared ones are used, `texture` without colours */
     GLsizei index_count;
     uint32_t level;
     double origin[3];
+    float texture_origin[2], texture_from_position[4]; /* the latter column by column */
 };
 
 static GLuint compile(GLenum kind, const char *text)
@@ -136,7 +145,31 @@ static void drop(struct patch_buffer **place)
     glDeleteVertexArrays(1, &buffer->array);
     glDeleteBuffers(1, &buffer->vertices);
     if (buffer->indices) glDeleteBuffers(1, &buffer->indices);
+    if (buffer->texture) glDeleteTextures(1, &buffer->texture);
     free(buffer);
+}
+
+/* The texture, and the map to its coordinates from positions: the ends of both legs have those of texture_corners. */
+static void upload_texture(struct patch_buffer *buffer, const kmb_patch_info *info)
+{
+    const float (*corners)[2] = info->texture_corners, (*legs)[2] = info->legs;
+    GLsizei side = (GLsizei)info->texture_side;
+    double vertices = (double)info->vertex_floats / 6, cells = (sqrt(8 * vertices + 1) - 3) / 2;
+    double area = cells * ((double)legs[0][0] * legs[1][1] - (double)legs[0][1] * legs[1][0]);
+    for (int axis = 0; axis < 2; axis++) {
+        double along[2] = {corners[1][axis] - corners[0][axis], corners[2][axis] - corners[0][axis]};
+        buffer->texture_origin[axis] = corners[0][axis];
+        buffer->texture_from_position[axis] = (float)((along[0] * legs[1][1] - along[1] * legs[0][1]) / area);
+        buffer->texture_from_position[2 + axis] = (float)((along[1] * legs[0][0] - along[0] * legs[1][0]) / area);
+    }
+    glGenTextures(1, &buffer->texture);
+    glBindTexture(GL_TEXTURE_2D, buffer->texture);
+    glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGB8, side, side, 0, GL_RGB, GL_UNSIGNED_BYTE, info->colours);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
 }
 
 static void upload(struct drawing *drawing, const kmb_patch_info *info)
@@ -167,6 +200,7 @@ static void upload(struct drawing *drawing, const kmb_patch_info *info)
                      GL_STATIC_DRAW);
     }
     glBindVertexArray(0);
+    if (info->texture_side) upload_texture(buffer, info);
 
     struct patch_buffer **place = place_of(drawing, buffer->handle);
     buffer->next = *place;
@@ -216,6 +250,9 @@ kmb_status drawing_draw(const struct drawing *drawing, const kmb_cut *cut, const
     GLint offset = glGetUniformLocation(drawing->program, "patch_offset");
     GLint base = glGetUniformLocation(drawing->program, "patch_base");
     GLint level = glGetUniformLocation(drawing->program, "level");
+    GLint has_colours = glGetUniformLocation(drawing->program, "has_colours");
+    GLint texture_origin = glGetUniformLocation(drawing->program, "texture_origin");
+    GLint texture_from_position = glGetUniformLocation(drawing->program, "texture_from_position");
     for (size_t i = 0; i < count; i++) {
         kmb_patch_info info = {.struct_size = sizeof info};
         status = kmb_patch_describe(patches[i], &info);
@@ -231,6 +268,10 @@ kmb_status drawing_draw(const struct drawing *drawing, const kmb_cut *cut, const
                     (float)(buffer->origin[2] - anchor[2]));
         glUniform1f(base, (float)buffer->origin[2]);
         glUniform1i(level, drawing->by_level ? (GLint)buffer->level : -1);
+        glUniform1i(has_colours, buffer->texture && !drawing->plain);
+        glUniform2fv(texture_origin, 1, buffer->texture_origin);
+        glUniformMatrix2fv(texture_from_position, 1, GL_FALSE, buffer->texture_from_position);
+        glBindTexture(GL_TEXTURE_2D, buffer->texture);
         glBindVertexArray(buffer->array);
         glDrawElements(GL_TRIANGLES, buffer->index_count, GL_UNSIGNED_SHORT, NULL);
     }

@@ -13,7 +13,7 @@ struct drawing {
     int shared_count;
     struct patch_buffer *buckets[BUCKETS];
     kmb_grid_to_world map;
-    int wireframe, by_level;
+    int wireframe, by_level, plain; /* `plain`: without the colours that patches have */
 };
 
 /* Makes the program and the shared index buffer; heights from low to high are coloured. Answers 0, or 1 with a message on

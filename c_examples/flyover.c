@@ -1,12 +1,15 @@
 /* Flies over a repository without any display and leaves pictures: opens it, makes a cut, moves the cut towards each frame's view,
  * keeps the patches in OpenGL buffers, draws them with OSMesa, and writes PNGs and a summary.
  *
- * flyover FILE.kmb [--frames N] [--size WxH] [--tolerance PX] [--budget-us N] [--out DIR] [--every K]
- *                  [--wireframe] [--levels] [--meter] [--background R,G,B] [--steep N] [--still N]
- *                  [--threads N] [--budget-mib N]
+ * flyover FILE.kmb [--colour FILE.kmb] [--frames N] [--size WxH] [--tolerance PX] [--budget-us N] [--out DIR]
+ *                  [--every K] [--wireframe] [--levels] [--meter] [--background R,G,B] [--steep N] [--still N]
+ *                  [--threads N] [--budget-mib N] [--detail LEVELS] [--roughness PART]
  *
+ * --colour FILE drapes the colours of another repository, which has the same domain. --detail LEVELS goes on beyond the finest
+ * heights, --roughness PART with random ones: the most that a vertex is moved, as a part of its edge.
  * --steep N draws N views from above that see only the terrain's inside instead of a flight, and fails if a pixel of the
- * background shows. --threads N decodes beside the flight; --meter shows time, bytes and what is awaited as bars. --still N then stays at the last view for N frames, in which the cut should settle. */
+ * background shows. --still N then stays at the last view for N frames, in which the cut should settle.
+ * --threads N decodes beside the flight; --meter shows time, bytes and what is awaited as bars. */
 #include <errno.h>
 #include <kimberlite.h>
 #include <stdio.h>
@@ -22,9 +25,9 @@
 #include "picture.h"
 
 struct options {
-    const char *file, *out;
-    int frames, width, height, every, steep, still, wireframe, levels, meter, threads;
-    double tolerance;
+    const char *file, *colour, *out;
+    int frames, width, height, every, steep, still, wireframe, levels, meter, threads, detail;
+    double tolerance, roughness;
     uint64_t budget_us, budget_bytes;
     int background[3];
 };
@@ -37,7 +40,7 @@ struct summary {
 
 struct flight {
     struct options options;
-    kmb_repository *repository;
+    kmb_repository *repository, *colours;
     kmb_query *query;
     kmb_cut *cut;
     struct terrain terrain;
@@ -65,6 +68,9 @@ static int read_options(int count, char **words, struct options *options)
         else if (!strcmp(name, "--levels")) options->levels = 1, used = 0;
         else if (!strcmp(name, "--meter")) options->meter = 1, used = 0;
         else if (!strcmp(name, "--threads")) options->threads = atoi(value);
+        else if (!strcmp(name, "--colour")) options->colour = value;
+        else if (!strcmp(name, "--detail")) options->detail = atoi(value);
+        else if (!strcmp(name, "--roughness")) options->roughness = atof(value);
         else if (!strcmp(name, "--frames")) options->frames = atoi(value);
         else if (!strcmp(name, "--steep")) options->steep = atoi(value);
         else if (!strcmp(name, "--still")) options->still = atoi(value);
@@ -80,22 +86,26 @@ static int read_options(int count, char **words, struct options *options)
         i += used;
     }
     return !options->file || options->frames < 1 || options->width < 1 || options->height < 1 || options->every < 1
-        || options->steep < 0 || options->still < 0 || options->threads < 0;
+        || options->steep < 0 || options->still < 0 || options->threads < 0 || options->detail < 0;
 }
 
 static int open_terrain(struct flight *flight)
 {
     kmb_repository_info info = {.struct_size = sizeof info};
-    kmb_cut_options cut = {.struct_size = sizeof cut, .vertex_form = KMB_VERTEX_EXPANDED,
-                           .metric = KMB_METRIC_GEOMETRIC, .threads = (uint32_t)flight->options.threads};
-    if (kmb_repository_open(flight->options.file, NULL, &flight->repository) != KMB_OK
+    const struct options *options = &flight->options;
+    if (options->colour && kmb_repository_open(options->colour, NULL, &flight->colours) != KMB_OK)
+        return library_error("cannot open");
+    kmb_cut_options cut = {.struct_size = sizeof cut, .vertex_form = KMB_VERTEX_EXPANDED, .metric = KMB_METRIC_GEOMETRIC,
+                           .threads = (uint32_t)options->threads, .colours = flight->colours,
+                           .detail_levels = (uint32_t)options->detail, .roughness = options->roughness};
+    if (kmb_repository_open(options->file, NULL, &flight->repository) != KMB_OK
         || kmb_repository_describe(flight->repository, &info) != KMB_OK
         || kmb_query_create(flight->repository, 64 << 20, &flight->query) != KMB_OK
         || kmb_cut_create(flight->repository, &cut, &flight->cut) != KMB_OK) {
         return library_error("cannot open");
     }
     flight->terrain = terrain_of(&info, flight->query);
-    if (flight->options.steep && info.void_samples)
+    if (options->steep && info.void_samples)
         fprintf(stderr, "note: the terrain has voids, which show the background\n");
     return 0;
 }
@@ -227,9 +237,10 @@ int main(int count, char **words)
 {
     static struct flight flight;
     if (read_options(count, words, &flight.options)) {
-        fprintf(stderr, "usage: flyover FILE.kmb [--frames N] [--size WxH] [--tolerance PX] [--budget-us N] [--out DIR]"
-                        " [--every K] [--wireframe] [--levels] [--meter] [--background R,G,B] [--steep N] [--still N]"
-                        " [--threads N] [--budget-mib N]\n");
+        fprintf(stderr, "usage: flyover FILE.kmb [--colour FILE.kmb] [--frames N] [--size WxH] [--tolerance PX]"
+                        " [--budget-us N] [--out DIR] [--every K] [--wireframe] [--levels] [--meter]"
+                        " [--background R,G,B] [--steep N] [--still N] [--threads N] [--budget-mib N]"
+                        " [--detail LEVELS] [--roughness PART]\n");
         return 2;
     }
     int failed = open_terrain(&flight) || open_picture(&flight) || fly(&flight) || report(&flight);
@@ -241,5 +252,6 @@ int main(int count, char **words)
     kmb_cut_destroy(flight.cut);
     kmb_query_destroy(flight.query);
     kmb_repository_close(flight.repository);
+    kmb_repository_close(flight.colours);
     return failed;
 }

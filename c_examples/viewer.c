@@ -1,10 +1,11 @@
 /* Looks at a repository in a window: GLFW and OpenGL 3.3. The title tells the time of a frame and the triangles drawn.
  *
- * viewer FILE.kmb [--tolerance PX] [--screenshot FILE.png] [--frames N]
+ * viewer FILE.kmb [--colour FILE.kmb] [--tolerance PX] [--screenshot FILE.png] [--frames N]
  *
  * drag with the left button: look around      drag with the right button: go round what lies ahead
  * W A S D: move, Q E: down and up             wheel: speed
  * F: wire frame    L: colour by level         P: freeze the cut
+ * C: the colours of --colour, or by height
  * B: bars of the time and bytes of a frame, and of the diamonds that threads are asked for
  * + -: tolerance   Escape: quit
  *
@@ -26,11 +27,11 @@
 static const int SKY[3] = {166, 196, 226};
 
 struct viewer {
-    const char *file, *screenshot;
+    const char *file, *colour, *screenshot;
     long frames;
     double tolerance;
     GLFWwindow *window;
-    kmb_repository *repository;
+    kmb_repository *repository, *colours;
     kmb_query *query;
     kmb_cut *cut;
     struct terrain terrain;
@@ -111,6 +112,7 @@ static void on_key(GLFWwindow *window, int key, int code, int action, int modifi
     if (key == GLFW_KEY_ESCAPE) glfwSetWindowShouldClose(window, 1);
     if (key == GLFW_KEY_F) viewer->drawing.wireframe ^= 1;
     if (key == GLFW_KEY_L) viewer->drawing.by_level ^= 1;
+    if (key == GLFW_KEY_C) viewer->drawing.plain ^= 1;
     if (key == GLFW_KEY_B) viewer->metered ^= 1;
     if (key == GLFW_KEY_P) viewer->frozen ^= 1;
     if (key == GLFW_KEY_EQUAL || key == GLFW_KEY_KP_ADD) viewer->tolerance *= 1.25;
@@ -138,9 +140,10 @@ static void move(struct viewer *viewer, double seconds)
 static int open_terrain(struct viewer *viewer)
 {
     kmb_repository_info info = {.struct_size = sizeof info};
+    if (viewer->colour && kmb_repository_open(viewer->colour, NULL, &viewer->colours) != KMB_OK) return library_error();
     /* One thread decodes, so that no frame waits for it. */
     kmb_cut_options cut = {.struct_size = sizeof cut, .vertex_form = KMB_VERTEX_EXPANDED,
-                           .metric = KMB_METRIC_GEOMETRIC, .threads = 1};
+                           .metric = KMB_METRIC_GEOMETRIC, .threads = 1, .colours = viewer->colours};
     if (kmb_repository_open(viewer->file, NULL, &viewer->repository) != KMB_OK
         || kmb_repository_describe(viewer->repository, &info) != KMB_OK
         || kmb_query_create(viewer->repository, 64 << 20, &viewer->query) != KMB_OK
@@ -245,6 +248,7 @@ static int read_options(int count, char **words, struct viewer *viewer)
     for (int i = 1; i < count; i++) {
         const char *value = i + 1 < count ? words[i + 1] : "";
         if (words[i][0] != '-' && !viewer->file) viewer->file = words[i];
+        else if (!strcmp(words[i], "--colour")) viewer->colour = value, i++;
         else if (!strcmp(words[i], "--tolerance")) viewer->tolerance = atof(value), i++;
         else if (!strcmp(words[i], "--frames")) viewer->frames = atol(value), i++;
         else if (!strcmp(words[i], "--screenshot")) viewer->screenshot = value, i++;
@@ -257,7 +261,7 @@ int main(int count, char **words)
 {
     static struct viewer viewer;
     if (read_options(count, words, &viewer)) {
-        fprintf(stderr, "usage: viewer FILE.kmb [--tolerance PX] [--screenshot FILE.png] [--frames N]\n");
+        fprintf(stderr, "usage: viewer FILE.kmb [--colour FILE.kmb] [--tolerance PX] [--screenshot FILE.png] [--frames N]\n");
         return 2;
     }
     int failed = open_terrain(&viewer) || open_window(&viewer) || run(&viewer);
@@ -266,5 +270,6 @@ int main(int count, char **words)
     kmb_cut_destroy(viewer.cut);
     kmb_query_destroy(viewer.query);
     kmb_repository_close(viewer.repository);
+    kmb_repository_close(viewer.colours);
     return failed;
 }

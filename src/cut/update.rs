@@ -577,6 +577,7 @@ fn ground(source: Arc<dyn DiamondSource>, options: &CutOptions) -> crate::Result
     let colours = options.colours.as_ref();
     let finest = colours.map_or(0, |colours| colours.layer.lattice().levels());
     let levels = options.detail.levels.max(finest.saturating_sub(own));
+    let colours = colours.map(|colouring| Colours::new(colouring, &*source, own + levels));
     let heights: Arc<dyn DiamondSource> = match levels {
         0 => source,
         _ => Arc::new(Beyond::new(
@@ -587,6 +588,5 @@ fn ground(source: Arc<dyn DiamondSource>, options: &CutOptions) -> crate::Result
             },
         )?),
     };
-    let colours = colours.map(|colouring| Colours::new(colouring, &*heights, own + levels));
     Ok(Ground::new(heights, colours.transpose()?.map(Arc::new)))
 }
