@@ -18,7 +18,7 @@ const SAME_PLACE: f64 = 1e-4;
 pub enum ColourForm {
     /// 4 bytes for each vertex: red, green, blue, 255.
     Vertices,
-    /// A square of texels, 3 bytes each, over the whole diamond. Beyond the hypotenuse of the patch it is mirrored.
+    /// A square of texels, 3 bytes each, over the whole diamond; beyond the hypotenuse of the patch it only serves filters.
     Texture,
 }
 
@@ -246,17 +246,31 @@ impl Colours {
         colours.collect()
     }
 
-    /// The texture of a half.
+    /// The texture of a half. Beyond the hypotenuse it is mirrored, but for the texels next to it: those are such that
+    /// bilinear filters are linear along the hypotenuse, so that the textures on both sides meet there.
     pub fn texture(&self, texels: &Matrix, apex: Apex) -> Box<[u8]> {
         let (cells, side) = (self.lattice.cells(), self.texture_side());
-        let mut texture = vec![[0; 3]; side * side];
-        for j in 0..side {
-            let (first, last) = apex.row(cells as i64, j as i64);
+        let mut texture = vec![[0u8; 3]; side * side];
+        let rows = || (0..side).map(|j| (j, apex.row(cells as i64, j as i64)));
+        for (j, (first, last)) in rows() {
             for i in first as usize..=last as usize {
                 let (a, b) = apex.mirrored(cells, i, j);
                 let colour = self.rgb(texels, j * side + i);
                 texture[j * side + i] = colour;
                 texture[b * side + a] = colour;
+            }
+        }
+        for (j, (first, last)) in rows() {
+            for i in [first + 1, last - 1].map(|i| i as usize) {
+                let (a, b) = apex.mirrored(cells, i.min(cells), j);
+                if a.abs_diff(i) == 1 && (first..=last).contains(&(i as i64)) {
+                    let ends = [texture[j * side + a], texture[b * side + i]];
+                    let own = texture[j * side + i];
+                    texture[b * side + a] = std::array::from_fn(|band| {
+                        let sum = i16::from(ends[0][band]) + i16::from(ends[1][band]);
+                        (sum - i16::from(own[band])).clamp(0, 255) as u8
+                    });
+                }
             }
         }
         texture.into_flattened().into()

@@ -43,7 +43,8 @@ pub enum kmb_metric {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum kmb_colour_form {
     /// A square texture over the patch's whole diamond, texture_side texels a side, row by row without padding, 3 bytes
-    /// each: red, green, blue. Beyond the patch's long side it is mirrored.
+    /// each: red, green, blue. What lies beyond the patch's long side only serves bilinear filters, which
+    /// agree along it with those of the next texture.
     KMB_COLOUR_TEXTURE = 0,
     /// 4 bytes for each vertex: red, green, blue, 255.
     KMB_COLOUR_VERTICES = 1,
