@@ -238,7 +238,7 @@ impl PatchMaker {
             corners,
             bounds: self.bounds(range, &corners),
             error: node.bounds.error,
-            vertices: vertices.into(),
+            vertices,
             indices,
             colours: self.colours(&shape),
             births: self.births(&shape),
@@ -296,13 +296,15 @@ impl PatchMaker {
     }
 
     /// Writes the vertices, and gives the least and greatest of their units.
-    fn fill(&self, shape: &Shape, legs: [[f32; 2]; 2], target: &mut Vec<f32>) -> [i32; 2] {
-        let order = self.grid.matrix_indices(shape.apex);
+    fn fill(&self, shape: &Shape, legs: [[f32; 2]; 2], target: &mut [f32]) -> [i32; 2] {
+        let order = self.grid.matrix_indices(shape.apex).chunks(LANES);
         let Content {
             samples, slopes, ..
         } = shape.content;
+        let floats = self.form.floats();
+        let targets = target.chunks_mut(LANES * floats);
         let mut range = [i32::MAX, i32::MIN];
-        for (order, positions) in order.chunks(LANES).zip(self.positions.chunks(LANES)) {
+        for ((order, positions), target) in order.zip(self.positions.chunks(LANES)).zip(targets) {
             let mut lanes = Lanes::default();
             for (lane, &index) in order.iter().enumerate() {
                 let unit = samples.heights.values[usize::from(index)];
@@ -311,13 +313,8 @@ impl PatchMaker {
                 [lanes.dx[lane], lanes.dy[lane]] = slopes[usize::from(index)];
             }
             match self.form {
-                VertexForm::Compact => {
-                    target.extend_from_slice(&lanes.compact().as_flattened()[..3 * order.len()]);
-                }
-                VertexForm::Expanded => {
-                    let expanded = lanes.expanded(positions, legs);
-                    target.extend_from_slice(&expanded.as_flattened()[..6 * order.len()]);
-                }
+                VertexForm::Compact => lanes.write_compact(target),
+                VertexForm::Expanded => lanes.write_expanded(positions, legs, target),
             }
         }
         range
@@ -377,22 +374,24 @@ struct Lanes {
 }
 
 impl Lanes {
-    fn compact(&self) -> [[f32; 3]; LANES] {
-        std::array::from_fn(|lane| [self.height[lane], self.dx[lane], self.dy[lane]])
+    fn write_compact(&self, target: &mut [f32]) {
+        let (vertices, _) = target.as_chunks_mut::<3>();
+        for (lane, vertex) in vertices.iter_mut().enumerate() {
+            *vertex = [self.height[lane], self.dx[lane], self.dy[lane]];
+        }
     }
 
-    fn expanded(&self, positions: &[[f32; 2]], legs: [[f32; 2]; 2]) -> [[f32; 6]; LANES] {
+    fn write_expanded(&self, positions: &[[f32; 2]], legs: [[f32; 2]; 2], target: &mut [f32]) {
         let up: [f32; LANES] = std::array::from_fn(|lane| {
             let (dx, dy) = (self.dx[lane], self.dy[lane]);
             1.0 / (1.0 + dx * dx + dy * dy).sqrt()
         });
-        let mut vertices = [[0.0; 6]; LANES];
+        let (vertices, _) = target.as_chunks_mut::<6>();
         for (lane, (vertex, [p, q])) in vertices.iter_mut().zip(positions).enumerate() {
             let [x, y] = [0, 1].map(|axis| p * legs[0][axis] + q * legs[1][axis]);
             let (dx, dy, up) = (self.dx[lane], self.dy[lane], up[lane]);
             *vertex = [x, y, self.height[lane], -dx * up, -dy * up, up];
         }
-        vertices
     }
 }
 

@@ -24,14 +24,10 @@ impl Stock {
         stored.unwrap_or_else(|| Content::new(ground, has_births))
     }
 
-    /// Storage, empty, for so many floats.
-    pub fn take_vertices(&mut self, floats: usize) -> Vec<f32> {
-        let Some(stored) = self.vertices.pop() else {
-            return Vec::with_capacity(floats);
-        };
-        let mut vertices = stored.into_vec();
-        vertices.clear();
-        vertices
+    /// Storage for so many floats, as many as any patch of the cut has.
+    pub fn take_vertices(&mut self, floats: usize) -> Box<[f32]> {
+        let stored = self.vertices.pop();
+        stored.unwrap_or_else(|| vec![0.0; floats].into())
     }
 
     pub fn give_content(&mut self, mut content: Content) {

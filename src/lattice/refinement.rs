@@ -21,10 +21,7 @@ pub fn gather_half<T: Copy>(
     let map = DoubledMap::new(lattice, parent, child, apex);
     for j in 0..side {
         let (first, last) = apex.row(cells, j);
-        for start in [first, first + 1] {
-            if start > last {
-                continue;
-            }
+        let walk = |start: i64| {
             let [u, v] = map.at(start, j);
             // Two steps of i stay on the same matrix, since both doubled indices keep their parity.
             let (source, width) = if u % 2 == 0 {
@@ -32,13 +29,21 @@ pub fn gather_half<T: Copy>(
             } else {
                 (centres, cells)
             };
-            let mut index = (v / 2) * width + u / 2;
-            let stride = map.ax[1] * width + map.ax[0];
-            let row = &mut target[(j * side + start) as usize..=(j * side + last) as usize];
-            for value in row.iter_mut().step_by(2) {
-                *value = source[index as usize];
-                index += stride;
-            }
+            let index = (v / 2) * width + u / 2;
+            (source, index, map.ax[1] * width + map.ax[0])
+        };
+        // The second begins in the row only where that has two entries.
+        let ((one, mut from, stride), (other, mut next, other_stride)) =
+            (walk(first), walk(first + 1));
+        let row = &mut target[(j * side + first) as usize..=(j * side + last) as usize];
+        let (pairs, rest) = row.as_chunks_mut::<2>();
+        for pair in pairs {
+            *pair = [one[from as usize], other[next as usize]];
+            from += stride;
+            next += other_stride;
+        }
+        if let [value] = rest {
+            *value = one[from as usize];
         }
     }
 }
