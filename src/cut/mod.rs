@@ -1,12 +1,15 @@
 //! Floor 3: from views to patches within a budget, and queries without any view. Knows no builder.
 
+mod area;
 mod changes;
 mod coarse;
+mod drawn;
 mod foresight;
 mod graph;
 mod layer;
 mod node;
 mod patch;
+mod profile;
 mod projection;
 mod query;
 mod queues;
@@ -18,13 +21,16 @@ mod source;
 mod stock;
 mod supply;
 mod terrain;
+mod trapezoids;
 mod update;
 mod view;
 mod window;
 
+pub use area::AreaStatistics;
 pub use changes::Changes;
 pub use layer::Layer;
 pub use patch::{GridToWorld, Patch, VertexForm};
+pub use profile::ProfilePlace;
 pub use query::{Height, Query};
 pub use ray::{Hit, Ray};
 pub use source::{DiamondSource, Summary};
