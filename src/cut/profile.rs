@@ -4,7 +4,6 @@ use super::drawn::{DrawnHalf, Facet};
 use super::query::{EDGE_TOLERANCE, Height, Query};
 use super::source::DiamondSource;
 use super::terrain::Terrain;
-use crate::geo::Frame;
 use crate::{Error, Result};
 use std::sync::Arc;
 
@@ -117,12 +116,16 @@ fn segments(terrain: &Terrain, line: &[[f64; 2]]) -> Result<Vec<Segment>> {
             line.len()
         )));
     }
-    let frame: &Frame = terrain.frame();
+    let (frame, lattice) = (terrain.frame(), terrain.lattice());
+    let last = [lattice.width() - 1, lattice.height() - 1].map(f64::from);
     let mut start = 0.0;
     let mut segments = Vec::with_capacity(line.len() - 1);
     for ends in line.windows(2) {
         let [from, to] = [ends[0], ends[1]];
-        let grid = [from, to].map(|[x, y]| frame.world_to_grid(x, y));
+        let grid = [from, to].map(|[x, y]| {
+            let [column, row] = frame.world_to_grid(x, y);
+            [snapped(column, last[0]), snapped(row, last[1])]
+        });
         let length = f64::hypot(to[0] - from[0], to[1] - from[1]);
         let samples = f64::hypot(grid[1][0] - grid[0][0], grid[1][1] - grid[0][1]);
         if !(start + length).is_finite() || !samples.is_finite() {
@@ -142,6 +145,16 @@ fn segments(terrain: &Terrain, line: &[[f64; 2]]) -> Result<Vec<Segment>> {
     Ok(segments)
 }
 
+/// To the raster's edge, if a column or row is beside it by no more than rounding errors.
+fn snapped(along: f64, last: f64) -> f64 {
+    let inside = along.clamp(0.0, last);
+    if (along - inside).abs() <= EDGE_TOLERANCE {
+        inside
+    } else {
+        along
+    }
+}
+
 impl Segment {
     /// World x and y after a share of it.
     fn place(&self, share: f64) -> [f64; 2] {
@@ -153,9 +166,9 @@ impl Segment {
         let [mut from, mut to] = [0.0f64, 1.0f64];
         for (axis, last) in last.into_iter().enumerate() {
             let [first, second] = self.grid.map(|end| end[axis]);
-            let edges = [-EDGE_TOLERANCE, last + EDGE_TOLERANCE];
+            let edges = [0.0, last];
             if first == second {
-                if !(edges[0]..=edges[1]).contains(&first) {
+                if !(0.0..=last).contains(&first) {
                     return None;
                 }
                 continue;
