@@ -92,7 +92,7 @@ impl Query {
         let parts: Vec<&Trapezoid> = parts
             .iter()
             .copied()
-            .filter(|part| sums.clip(part, triangle))
+            .filter(|part| sums.meets(part, triangle))
             .collect();
         if parts.is_empty() {
             return Ok(());
@@ -144,6 +144,8 @@ struct Sums {
     volume: f64,
     error_bound: f64,
     level: u32,
+    /// The raster: coarse triangles go beyond it.
+    domain: Trapezoid,
     /// Corners of the last triangle that was clipped: column, row, height.
     clipped: Vec<[f64; 3]>,
     /// Room to clip in.
@@ -152,13 +154,16 @@ struct Sums {
 
 impl Sums {
     fn new(terrain: &Terrain) -> Sums {
+        let lattice = terrain.lattice();
+        let last = [lattice.width() - 1, lattice.height() - 1].map(f64::from);
         Sums {
             minimum: f64::INFINITY,
             maximum: f64::NEG_INFINITY,
             area: 0.0,
             volume: 0.0,
             error_bound: 0.0,
-            level: terrain.lattice().levels(),
+            level: lattice.levels(),
+            domain: Trapezoid::rectangle(last),
             clipped: Vec::new(),
             other: Vec::new(),
         }
@@ -178,33 +183,22 @@ impl Sums {
         let heights: Vec<f64> = (0..side * side)
             .map(|index| drawn.height(terrain, index))
             .collect();
-        let surface = drawn.surface(terrain);
-        let is_whole = parts.iter().any(|part| part.has(&triangle));
         // Halves are added up apart, so that errors stay those of small sums.
         let (area, volume) = (self.area, self.volume);
         (self.area, self.volume) = (0.0, 0.0);
-        if is_whole {
-            let cells = terrain.lattice().cells();
-            let each = drawn.area_of_triangle();
-            for indices in surface.triangles([0..cells, 0..cells]) {
-                let corners = indices.map(|index| heights[index]);
-                for height in corners {
-                    self.minimum = self.minimum.min(height);
-                    self.maximum = self.maximum.max(height);
-                }
-                self.area += each;
-                self.volume += corners.iter().sum::<f64>();
-            }
-            self.volume *= each / 3.0;
+        if self.domain.has(&triangle) && parts.iter().any(|part| part.has(&triangle)) {
+            self.add_whole(terrain, drawn, &heights);
         } else {
             for part in parts {
-                for indices in surface.triangles(cells_around(drawn, terrain, part)) {
-                    let places = indices.map(|index| drawn.place(index, side));
-                    let corners = [0, 1, 2].map(|corner| {
-                        let [column, row] = places[corner];
-                        [column, row, heights[indices[corner]]]
-                    });
-                    self.add_clipped(part, corners);
+                let cells = cells_around(drawn, terrain, part);
+                for indices in drawn.surface(terrain).triangles(cells) {
+                    self.add_clipped(
+                        part,
+                        indices.map(|index| {
+                            let [column, row] = drawn.place(index, side);
+                            [column, row, heights[index]]
+                        }),
+                    );
                 }
             }
         }
@@ -212,19 +206,29 @@ impl Sums {
         self.volume += volume;
     }
 
-    /// Adds a part of a triangle.
+    /// Adds all triangles of a half, by the heights of its vertices.
+    fn add_whole(&mut self, terrain: &Terrain, drawn: &DrawnHalf, heights: &[f64]) {
+        let cells = terrain.lattice().cells();
+        let each = drawn.area_of_triangle();
+        for indices in drawn.surface(terrain).triangles([0..cells, 0..cells]) {
+            let corners = indices.map(|index| heights[index]);
+            for height in corners {
+                self.minimum = self.minimum.min(height);
+                self.maximum = self.maximum.max(height);
+            }
+            self.area += each;
+            self.volume += each * corners.iter().sum::<f64>() / 3.0;
+        }
+    }
+
+    /// Adds what of a triangle is in a part.
     fn add_clipped(&mut self, part: &Trapezoid, corners: [[f64; 3]; 3]) {
-        self.clipped.clear();
-        self.clipped.extend(corners);
-        part.clip(&mut self.clipped, &mut self.other);
-        let Some((first, rest)) = self.clipped.split_first() else {
-            return;
-        };
+        self.clip(part, corners);
         let (mut area, mut volume) = (0.0, 0.0);
-        for pair in rest.windows(2) {
-            let triangle = area_of([first, &pair[0], &pair[1]]);
-            area += triangle;
-            volume += triangle * (first[2] + pair[0][2] + pair[1][2]) / 3.0;
+        for triangle in fan(&self.clipped) {
+            let each = area_of(triangle);
+            area += each;
+            volume += each * triangle.iter().map(|corner| corner[2]).sum::<f64>() / 3.0;
         }
         if area == 0.0 {
             return;
@@ -238,17 +242,24 @@ impl Sums {
     }
 
     /// Whether a triangle and a part have any area in common.
-    fn clip(&mut self, part: &Trapezoid, triangle: [[f64; 2]; 3]) -> bool {
-        self.clipped.clear();
-        self.clipped
-            .extend(triangle.map(|[column, row]| [column, row, 0.0]));
-        part.clip(&mut self.clipped, &mut self.other);
-        let Some((first, rest)) = self.clipped.split_first() else {
-            return false;
-        };
-        rest.windows(2)
-            .any(|pair| area_of([first, &pair[0], &pair[1]]) != 0.0)
+    fn meets(&mut self, part: &Trapezoid, triangle: [[f64; 2]; 3]) -> bool {
+        self.clip(part, triangle.map(|[column, row]| [column, row, 0.0]));
+        fan(&self.clipped).any(|triangle| area_of(triangle) != 0.0)
     }
+
+    /// Clips a triangle to a part and to the raster.
+    fn clip(&mut self, part: &Trapezoid, corners: [[f64; 3]; 3]) {
+        self.clipped.clear();
+        self.clipped.extend(corners);
+        part.clip(&mut self.clipped, &mut self.other);
+        self.domain.clip(&mut self.clipped, &mut self.other);
+    }
+}
+
+/// A convex ring as triangles.
+fn fan(ring: &[[f64; 3]]) -> impl Iterator<Item = [&[f64; 3]; 3]> {
+    let others = ring.get(1..).unwrap_or(&[]).windows(2);
+    others.map(|pair| [&ring[0], &pair[0], &pair[1]])
 }
 
 /// Area over a triangle, negative for one of the two directions.

@@ -46,6 +46,15 @@ impl Trapezoid {
         Trapezoid { rows, left, right }
     }
 
+    /// From column 0 and row 0 to the last ones.
+    pub(super) fn rectangle([column, row]: [f64; 2]) -> Trapezoid {
+        Trapezoid {
+            rows: [0.0, row],
+            left: [0.0; 2],
+            right: [column; 2],
+        }
+    }
+
     /// In order around it.
     pub(super) fn corners(&self) -> [[f64; 2]; 4] {
         let [top, bottom] = self.rows;
