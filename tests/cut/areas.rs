@@ -188,7 +188,7 @@ proptest! {
             let polygon = in_samples(&polygon, ground.size, is_round);
             let Ok(found) = query.area_statistics(&world(&terrain, &polygon)) else {
                 // Rounding may make a polygon flat or cross itself.
-                prop_assert!(is_round);
+                prop_assert!(is_round || signed_area(&polygon) == 0.0);
                 continue;
             };
             let [area, volume] = totals(&ground, &polygon);
@@ -202,9 +202,14 @@ proptest! {
             prop_assert!(near(samples, area, scale), "{} not {}", samples, area);
             prop_assert!(near(found.mean * samples, volume, 1e4 * scale), "{:?} not {}", found, volume / area);
             let [least, greatest] = extremes(&mut query, &ground, &polygon);
-            // Of what is only touched nothing counts.
+            // Of what is only touched nothing counts; rounding gives stars spikes without area.
+            let is_box = polygon.len() == 4
+                && (0..2).all(|k| {
+                    polygon[2 * k][1] == polygon[2 * k + 1][1] && polygon[k][0] == polygon[3 - k][0]
+                });
+            let has_spikes = is_round && !is_box;
             prop_assert!(found.minimum >= least - 1e-5 && found.maximum <= greatest + 1e-5);
-            if scene.voids == Voids::None && area > 1e-6 {
+            if scene.voids == Voids::None && area > 1e-6 && !has_spikes {
                 prop_assert!(found.minimum <= least + 1e-5, "{:?} not {}", found, least);
                 prop_assert!(found.maximum >= greatest - 1e-5, "{:?} not {}", found, greatest);
             }

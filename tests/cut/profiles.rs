@@ -99,7 +99,7 @@ fn between(places: &[ProfilePlace]) -> Vec<([f64; 2], Option<f64>, [ProfilePlace
         .windows(2)
         .filter(|pair| pair[0].distance < pair[1].distance)
     {
-        for share in [0.3, 0.5, 0.71] {
+        for share in [0.303, 0.469, 0.711] {
             let mix = |a: f64, b: f64| a + share * (b - a);
             let at = [0, 1].map(|axis| mix(pair[0].place[axis], pair[1].place[axis]));
             let height = pair[0].height.zip(pair[1].height);
