@@ -494,6 +494,105 @@ kmb_status kmb_line_of_sight(kmb_query *query,
                              int32_t *visible);
 
 /* ================================================================================================
+ * Profiles along lines, statistics of polygons
+ * ================================================================================================ */
+
+// A place of a profile.
+typedef struct kmb_profile_place {
+    // sizeof(kmb_profile_place).
+    uint32_t struct_size;
+    // The level that the height was read at, 0 where there is none.
+    uint32_t level;
+    // World units along the line from its start.
+    double distance;
+    // World x and y.
+    double place[2];
+    // Physical height; NaN where there is no surface: outside the raster and in voids.
+    double height;
+    // As that of kmb_height; NaN where there is no height.
+    double error_bound;
+} kmb_profile_place;
+
+// What the finest surface is like within a polygon.
+typedef struct kmb_area {
+    // sizeof(kmb_area).
+    uint32_t struct_size;
+    // The coarsest level that was read: the finest one, but where detail is missing.
+    uint32_t level;
+    // Least physical height.
+    double minimum;
+    // Greatest physical height.
+    double maximum;
+    // Mean height over `area`: mean * area is the volume between the surface and height 0.
+    double mean;
+    // World area, seen from above, of the part of the polygon that has a surface: in the raster and not
+    // void.
+    double area;
+    // As that of kmb_height, of the whole surface within the polygon and so of the three heights.
+    double error_bound;
+} kmb_area;
+
+// Gives the exact profile of the finest surface along a line: `line` is `point_count` points, 2 or more, each
+// world x and y. Where detail is missing since a repair, it is that of the coarser surface that
+// remains.
+//
+// The places are the line's points and all at which it crosses from one triangle to the next, in
+// order. Between two places with heights the surface is straight, and either's bound holds. Where it
+// ends or begins, at a void or the raster's edge, there are two places at the same distance, one with a
+// height and one with NaN.
+//
+// `places` has room for `capacity` of them; the caller sets places[0].struct_size. *count becomes their
+// count, also when that is more than `capacity`; there are at most 6 for each point of the line and for
+// each sample of its length. With a capacity of 0 `places` may be NULL. A call whose capacity is too
+// small reads as much as one whose is not.
+//
+// Exclusive: no other call may use the query at the same time.
+//
+// Returns KMB_OK; KMB_BUFFER_TOO_SMALL (`count` is the capacity that is needed, and nothing else is
+// written); KMB_INVALID_ARGUMENT (also for fewer than 2 points, or coordinates that are not finite
+// or too far apart); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED; KMB_PANIC.
+kmb_status kmb_profile(kmb_query *query,
+                       const double *line,
+                       size_t point_count,
+                       struct kmb_profile_place *places,
+                       size_t capacity,
+                       size_t *count);
+
+// Gives the heights at `count` places along a line, evenly spaced from its start to its end; each is what
+// kmb_height_at gives. `line` is `point_count` points, 2 or more, each world x and y. `places` has
+// room for `count`; the caller sets places[0].struct_size. A count of 1 gives the start.
+//
+// Exclusive: no other call may use the query at the same time.
+//
+// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a count of 0, fewer than 2 points, or coordinates that
+// are not finite or too far apart); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED; KMB_PANIC.
+kmb_status kmb_profile_samples(kmb_query *query,
+                               const double *line,
+                               size_t point_count,
+                               struct kmb_profile_place *places,
+                               size_t count);
+
+// Gives the least, the greatest and the mean height of the finest surface within a polygon: `polygon` is
+// `point_count` points, 3 or more, each world x and y, in either direction; the last is joined to the
+// first. The caller sets statistics->struct_size. All is exact but for rounding errors: triangles are
+// clipped to the polygon. Where detail is missing since a repair, they are those of the coarser surface
+// that remains.
+//
+// A polygon may touch itself, as one with a hole does that an edge there and back leads to, but not cross
+// itself. All samples within it are decoded, whatever its size, in the memory that the query has; time
+// also grows with the square of `point_count`.
+//
+// Exclusive: no other call may use the query at the same time.
+//
+// Returns KMB_OK; KMB_OUTSIDE (no surface lies within the polygon); KMB_INVALID_ARGUMENT (also for fewer
+// than 3 points, coordinates that are not finite or immensely large, and a polygon that crosses itself
+// or encloses no area); KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_DAMAGED; KMB_PANIC.
+kmb_status kmb_area_statistics(kmb_query *query,
+                               const double *polygon,
+                               size_t point_count,
+                               struct kmb_area *statistics);
+
+/* ================================================================================================
  * Patches: what is drawn
  * ================================================================================================ */
 
@@ -597,7 +696,8 @@ typedef enum kmb_metric {
 // What patches have of the colours of a cut.
 typedef enum kmb_colour_form {
     // A square texture over the patch's whole diamond, texture_side texels a side, row by row without padding, 3 bytes
-    // each: red, green, blue. Beyond the patch's long side it is mirrored.
+    // each: red, green, blue. What lies beyond the patch's long side only serves bilinear filters, which
+    // agree along it with those of the next texture.
     KMB_COLOUR_TEXTURE = 0,
     // 4 bytes for each vertex: red, green, blue, 255.
     KMB_COLOUR_VERTICES = 1,

@@ -12,6 +12,7 @@ use kimberlite::ffi::cut::{
     kmb_view,
 };
 use kimberlite::ffi::patch::kmb_patch_info;
+use kimberlite::ffi::profile::{kmb_area, kmb_profile_place};
 use kimberlite::ffi::query::{KMB_UNLIMITED, kmb_height};
 use kimberlite::ffi::raster::{kmb_raster_info, kmb_raster_options};
 use kimberlite::ffi::ray::{kmb_hit, kmb_ray};
@@ -77,6 +78,12 @@ fn structs_lie_as_c_programs_were_compiled() {
     );
     layout!(kmb_ray, 64, struct_size 0, reserved 4, origin 8, direction 32, longest 56);
     layout!(kmb_hit, 40, struct_size 0, level 4, distance 8, place 16);
+    layout!(
+        kmb_profile_place, 48, struct_size 0, level 4, distance 8, place 16, height 32, error_bound 40
+    );
+    layout!(
+        kmb_area, 48, struct_size 0, level 4, minimum 8, maximum 16, mean 24, area 32, error_bound 40
+    );
     layout!(kmb_grid_to_world, 56, struct_size 0, reserved 4, origin 8, step 32);
     layout!(
         kmb_builder_options, 56, struct_size 0, sample_type 4, width 8, height 12, max_error 16,

@@ -7,7 +7,7 @@ const CAVEATS: &str = include_str!("header.h.in");
 
 /// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function
 /// names.
-const SECTIONS: [(&str, &str, &[&str]); 11] = [
+const SECTIONS: [(&str, &str, &[&str]); 12] = [
     ("Version, errors, messages", "status", &["kmb_log_level"]),
     (
         "Repositories: opening, what is known of them, coordinates",
@@ -25,6 +25,11 @@ const SECTIONS: [(&str, &str, &[&str]); 11] = [
         &[],
     ),
     ("Rays and lines of sight", "ray", &[]),
+    (
+        "Profiles along lines, statistics of polygons",
+        "profile",
+        &[],
+    ),
     ("Patches: what is drawn", "patch", &[]),
     (
         "Cuts: from views to patches",

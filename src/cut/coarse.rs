@@ -3,6 +3,7 @@
 use crate::codec::Matrix;
 use crate::lattice::{Apex, Diamond, Lattice, Placement};
 use std::cmp::Ordering;
+use std::ops::Range;
 
 /// Corners of a triangle of a unit cell, as offsets from its first vertex, with the barycentric weights of
 /// a place in it.
@@ -82,6 +83,31 @@ impl<'a> CoarseHalf<'a> {
             .find_map(|(cell, first)| self.drawn_corners(cell, first, [i, j]))
     }
 
+    /// All drawn triangles with a cell among these columns and rows of cells, as indices in the vertex matrix.
+    pub(super) fn triangles(
+        &self,
+        [columns, rows]: [Range<usize>; 2],
+    ) -> impl Iterator<Item = [usize; 3]> {
+        let (main, side) = (self.has_main_hypotenuse(), self.lattice.cells() + 1);
+        let is_open = self.is_leaf && self.vertices.valid.is_none();
+        let cells = rows.flat_map(move |cj| columns.clone().map(move |ci| (ci, cj)));
+        cells
+            .flat_map(|cell| [(cell, true), (cell, false)])
+            .filter(|&(cell, first)| self.has_triangle(cell, first))
+            .map(move |((ci, cj), first)| {
+                let corners = triangle(main, first, 0.0, 0.0);
+                corners.map(|([di, dj], _)| (cj + dj as usize) * side + ci + di as usize)
+            })
+            .filter(move |&indices| is_open || self.is_drawn(indices))
+    }
+
+    fn is_drawn(&self, indices: [usize; 3]) -> bool {
+        let side = self.lattice.cells() + 1;
+        let places = indices.map(|index| self.placement.vertex(index % side, index / side));
+        let valid = indices.map(|index| self.vertices.is_valid(index));
+        self.lattice.draws(self.is_leaf, places, valid)
+    }
+
     fn has_main_hypotenuse(&self) -> bool {
         matches!(self.apex, Apex::Right | Apex::Bottom)
     }
@@ -118,9 +144,7 @@ impl<'a> CoarseHalf<'a> {
             let (i, j) = (ci + di as usize, cj + dj as usize);
             (j * side + i, weight)
         });
-        let places = corners.map(|(index, _)| self.placement.vertex(index % side, index / side));
-        let valid = corners.map(|(index, _)| self.vertices.is_valid(index));
-        let is_drawn = self.lattice.draws(self.is_leaf, places, valid);
+        let is_drawn = self.is_drawn(corners.map(|(index, _)| index));
         is_drawn.then_some(corners)
     }
 

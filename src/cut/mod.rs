@@ -1,15 +1,18 @@
 //! Floor 3: from views to patches within a budget, and queries without any view. Knows no builder.
 
+mod area;
 mod beyond;
 mod births;
 mod changes;
 mod coarse;
 mod colours;
+mod drawn;
 mod foresight;
 mod graph;
 mod layer;
 mod node;
 mod patch;
+mod profile;
 mod projection;
 mod query;
 mod queues;
@@ -22,15 +25,18 @@ mod source;
 mod stock;
 mod supply;
 mod terrain;
+mod trapezoids;
 mod update;
 mod view;
 mod window;
 
+pub use area::AreaStatistics;
 pub use beyond::{Detail, MOST_ROUGHNESS};
 pub use changes::Changes;
 pub use colours::{ColourForm, Colouring};
 pub use layer::Layer;
 pub use patch::{GridToWorld, Patch, PatchColours, VertexForm};
+pub use profile::ProfilePlace;
 pub use query::{Height, Query};
 pub use ray::{Hit, Ray};
 pub use source::{DiamondSource, Summary};

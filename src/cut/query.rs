@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 /// How far beside the raster, in samples, a place may lie and count as on its edge: coordinates come with
 /// rounding errors.
-const EDGE_TOLERANCE: f64 = 1e-6;
+pub(super) const EDGE_TOLERANCE: f64 = 1e-6;
 
 /// Ranges that a handle remembers.
 const MOST_RANGES: usize = 1 << 16;
@@ -129,7 +129,7 @@ impl Query {
 
     /// The half of a diamond that the finest possible cut draws over a place, and the diamond's vertices, of which
     /// those of this half are there.
-    fn drawn_half(&mut self, at: [f64; 2]) -> Result<(Diamond, usize, Matrix)> {
+    pub(super) fn drawn_half(&mut self, at: [f64; 2]) -> Result<(Diamond, usize, Matrix)> {
         let terrain = self.terrain.clone();
         let (lattice, root) = (terrain.lattice(), terrain.root());
         let indices = |diamond: Diamond| matrix_indices(&lattice.placement(diamond), at);

@@ -12,6 +12,7 @@
 //! | `patch.rs` | patches of a cut |
 //! | `query.rs` | heights and windows of samples, without any view |
 //! | `ray.rs` | rays and lines of sight |
+//! | `profile.rs` | profiles along lines, statistics of polygons |
 //! | `builder.rs` | building repositories from rows |
 //! | `update.rs` | other samples in a part of a repository |
 //! | `repair.rs` | what is left of a damaged repository |
@@ -28,6 +29,7 @@ pub mod builder;
 pub mod codec;
 pub mod cut;
 pub mod patch;
+pub mod profile;
 pub mod query;
 pub mod raster;
 pub mod ray;

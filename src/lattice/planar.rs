@@ -257,6 +257,18 @@ impl Lattice {
         })
     }
 
+    /// The existing halves, and which of their diamonds', that refining splits a half into: those over its two legs.
+    pub fn split_half(&self, diamond: Diamond, half: usize) -> [Option<(Diamond, usize)>; 2] {
+        let children = self.children(diamond);
+        // Children lie over the edges from corner to corner, in the order of the apexes.
+        let apex = self.apexes(diamond)[half] as usize;
+        [apex, (apex + 3) % 4].map(|edge| {
+            let child = children[edge]?;
+            let half = usize::from(self.parents(child)[1] == Some(diamond));
+            Some((child, half))
+        })
+    }
+
     /// Corners of the square as a matrix of one cell, in lattice units.
     fn unit_placement(&self, diamond: Diamond) -> Placement {
         let (x, y) = (i64::from(diamond.x), i64::from(diamond.y));
