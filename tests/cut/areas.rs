@@ -172,7 +172,7 @@ fn near(a: f64, b: f64, scale: f64) -> bool {
 }
 
 proptest! {
-    #![proptest_config(config(64))]
+    #![proptest_config(config(24))]
 
     #[test]
     fn statistics_are_those_of_all_triangles_clipped_to_the_polygon(

@@ -116,7 +116,7 @@ fn is_tiny(terrain: &Terrain, stretch: &[ProfilePlace; 2]) -> bool {
 }
 
 proptest! {
-    #![proptest_config(config(96))]
+    #![proptest_config(config(48))]
 
     #[test]
     fn a_profile_is_straight_between_its_places_and_on_the_surface(

@@ -26,7 +26,8 @@ impl Ground {
 
     /// Both triangles of the cell from a sample to the next column and row; `None` where a corner is void.
     pub fn triangles(&self, cell: [usize; 2]) -> [Option<[Corner; 3]>; 2] {
-        let is_main = ((cell[0] >> self.cells_log2) + (cell[1] >> self.cells_log2)) % 2 == 0;
+        let blocks = (cell[0] >> self.cells_log2) + (cell[1] >> self.cells_log2);
+        let is_main = blocks.is_multiple_of(2);
         let halves = match is_main {
             true => [[[0, 0], [1, 0], [1, 1]], [[0, 0], [0, 1], [1, 1]]],
             false => [[[0, 0], [1, 0], [0, 1]], [[1, 0], [0, 1], [1, 1]]],
