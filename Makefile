@@ -9,7 +9,7 @@
 # make storage the same blocks in our file, LMDB, redb and SQLite: size, opening, look-ups, scans; FILE=x.kmb, ARGS="--grow MIB" repeats its blocks
 # make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads; a build killed at fifty
 #              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory;
-#              10,000 random legal cuts without a crack, 30,000 settled ones as good as fresh ones, 10,000 whose diamonds threads
+#              20,000 random legal cuts without a crack, half of them with colours and detail, 30,000 settled ones as good as fresh ones, 10,000 whose diamonds threads
 #              decode; four viewers on one repository for ten minutes; a million heights of a raster
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
@@ -92,7 +92,7 @@ storage:
 
 soak:
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test command_line -- --nocapture --test-threads 1 damage:: resume:: large::
-	KIMBERLITE_CASES=10000 cargo test --locked --release --test cut -- conformity:: best:: threads::
+	KIMBERLITE_CASES=10000 cargo test --locked --release --test cut -- conformity:: grounds:: best:: threads::
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test cut -- --nocapture viewers:: heights::
 
 clean:

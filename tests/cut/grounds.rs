@@ -12,7 +12,7 @@ use kimberlite::cut::{
 use kimberlite::geo::{RasterInfo, SampleType};
 use kimberlite::lattice::{Apex, Lattice};
 use kimberlite::schedule::Budget;
-use kimberlite::store::{Access, TransformKind};
+use kimberlite::store::{Access, EntropyKind, TransformKind};
 use kimberlite::tool::count_cracks;
 use proptest::prelude::*;
 use std::path::Path;
@@ -79,6 +79,8 @@ impl Picture {
             max_error: 0.0,
             cells_log2: self.cells_log2,
             transform: self.transform,
+            // Nothing has to be trained for it.
+            entropy: EntropyKind::Gamma,
             threads: 1,
             ..BuildOptions::default()
         };
