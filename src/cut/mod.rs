@@ -1,11 +1,15 @@
 //! Floor 3: from views to patches within a budget, and queries without any view. Knows no builder.
 
+mod cache;
 mod changes;
 mod coarse;
+mod course;
 mod foresight;
 mod graph;
+mod halves;
 mod layer;
 mod node;
+mod overview;
 mod patch;
 mod projection;
 mod query;
@@ -18,6 +22,7 @@ mod source;
 mod stock;
 mod supply;
 mod terrain;
+mod tile;
 mod update;
 mod view;
 mod window;
