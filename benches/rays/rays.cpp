@@ -299,20 +299,33 @@ double time_packets(const Scene &scene, const Kind &kind) {
     return seconds_since(start);
 }
 
-/// Whether a ray meets a triangle in double precision, edges included.
-bool meets(const Land &land, const uint32_t *corners, const Ray &ray) {
+/// Where a ray meets a triangle in double precision, edges included; infinite where it does not.
+double meets(const Land &land, const uint32_t *corners, const Ray &ray) {
     Vec a = land.vertex(corners[0]), u = land.vertex(corners[1]) - a, v = land.vertex(corners[2]) - a;
     Vec origin = ray.at(0), direction = ray.at(1) - origin, p = cross(direction, v), s = origin - a, q = cross(s, u);
     double area = dot(u, p);
-    if (area == 0) return false;
+    if (area == 0) return kInfinity;
     double b = dot(s, p) / area, c = dot(direction, q) / area, t = dot(v, q) / area;
-    return b >= 0 && c >= 0 && b + c <= 1 && t >= 0;
+    return b >= 0 && c >= 0 && b + c <= 1 && t >= 0 ? t : kInfinity;
 }
 
 /// How hits compare. Embree's places are rounded to floats, and so are its vertices.
 struct Agreement {
     size_t rays = 0, same = 0, float_only = 0, embree_slips = 0, ours_slip = 0, ours_wrong = 0;
 };
+
+/// How high a ray that Embree stops and ours does not is above the surface around Embree's place.
+void report(const Land &land, const Ours &ours, const Ray &ray, double own, double other) {
+    std::fprintf(stderr, "a ray from %.9g %.9g %.9g along %.9g %.9g %.9g: ours at %.9g, Embree's at %.9g; above the surface:", ray.origin[0], ray.origin[1], ray.origin[2],
+                 ray.direction[0], ray.direction[1], ray.direction[2], own, other);
+    for (int step = -5; step <= 5; step++) {
+        Vec place = ray.at(other + step * 0.2);
+        kmb_height height{};
+        height.struct_size = sizeof height;
+        if (kmb_height_at(ours.query, place.x + land.middle[0], place.y + land.middle[1], &height) == KMB_OK) std::fprintf(stderr, " %.3g", place.z - height.height);
+    }
+    std::fprintf(stderr, "\n");
+}
 
 Agreement compare(const Land &land, const Ours &ours, const Scene &scene, const Kind &kind, const std::vector<uint32_t> &corners) {
     Agreement found;
@@ -323,11 +336,14 @@ Agreement compare(const Land &land, const Ours &ours, const Scene &scene, const 
         RTCRayHit query = scene.meet(ray, context);
         bool stopped = query.hit.geomID != RTC_INVALID_GEOMETRY_ID;
         double own = ours.distance(ray), other = stopped ? query.ray.tfar : kInfinity;
-        if (own == other || std::fabs(own - other) < 0.1 + 1e-5 * own) {
+        // Embree's distances are floats; that to its triangle in doubles tells more.
+        double exact = stopped && !corners.empty() ? meets(land, &corners[3 * size_t(query.hit.primID)], ray) : kInfinity;
+        auto is_near = [own](double distance) { return own == distance || std::fabs(own - distance) < 1e-6 * (1 + own); };
+        if (is_near(other) || is_near(exact) || std::fabs(own - other) < 0.1 + 1e-5 * own) {
             found.same++;
         } else if (other < own) {
-            bool truly = !corners.empty() && meets(land, &corners[3 * size_t(query.hit.primID)], ray);
-            ++(truly ? found.ours_slip : found.float_only);
+            ++(exact < own ? found.ours_slip : found.float_only);
+            if (exact < own) report(land, ours, ray, own, other);
         } else {
             Vec place = ray.at(own);
             kmb_height height{};

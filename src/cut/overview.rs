@@ -23,10 +23,12 @@ pub(super) struct Overview {
     /// First slot of each size, and the bits of its side.
     sections: Vec<(usize, u32)>,
     finest: u32,
+    /// Least and greatest world height of all.
+    pub range: [f64; 2],
 }
 
 impl Overview {
-    pub(super) fn new(lattice: &Lattice) -> Overview {
+    pub(super) fn new(lattice: &Lattice, range: [f64; 2]) -> Overview {
         let depth = lattice.levels() / 2;
         let mut count = 0;
         let sections = (0..=depth).map(|coarser| {
@@ -45,6 +47,7 @@ impl Overview {
             squares: vec![none; count].into_boxed_slice(),
             sections,
             finest: lattice.cells_log2(),
+            range,
         }
     }
 

@@ -52,27 +52,23 @@ impl Query {
             let text = "a ray needs finite numbers, a direction, and a length from 0 up";
             return Err(Error::Argument(text.into()));
         }
-        let terrain = self.terrain().clone();
+        let terrain = self.terrain();
         let (lattice, frame) = (terrain.lattice(), terrain.frame());
         let [x, y, z] = ray.origin;
-        let mut course = Course {
-            start: frame.world_to_grid(x, y),
-            step: [0, 1].map(|axis| ray.direction[axis] / frame.step[axis]),
-            z: [z, ray.direction[2]],
-            above: f64::NAN,
-        };
-        if course.step == [0.0; 2] {
+        let step = [0, 1].map(|axis| ray.direction[axis] / frame.step[axis]);
+        let mut course = Course::new(frame.world_to_grid(x, y), step, [z, ray.direction[2]]);
+        let cells = [lattice.width(), lattice.height()].map(|count| count as i32 - 1);
+        if course.pace == [f64::INFINITY; 2] {
             return self.meet_vertically(ray);
         }
-        let cells = [lattice.width(), lattice.height()].map(|count| count as i32 - 1);
-        let range = self.world_hull(terrain.range());
-        let Some(interval) = course.clipped(cells.map(f64::from), range, ray.longest) else {
-            return Ok(None);
+        let mut overview = self.overview.take().unwrap_or_else(|| self.new_overview());
+        let met = match course.clipped(cells.map(f64::from), overview.range, ray.longest) {
+            Some(interval) => {
+                let mut walk = Walk::new(&course, interval, cells);
+                self.travel(&mut overview, &mut course, &mut walk)
+            }
+            None => Ok(None),
         };
-        let mut walk = Walk::new(&course, interval, cells);
-        let overview = self.overview.take();
-        let mut overview = overview.unwrap_or_else(|| Box::new(Overview::new(lattice)));
-        let met = self.travel(&mut overview, &mut course, &mut walk);
         self.overview = Some(overview);
         let hit = met?.map(|(distance, level)| Hit {
             distance,
@@ -137,9 +133,9 @@ impl Query {
                     range
                 }
             };
-            let exit = walk.exit(step);
+            let exit = walk.exit(course, step);
             let mut crossed = None;
-            if walk.passes(course, &exit, range) {
+            if walk.passes(&exit, range) {
                 course.above = f64::NAN;
             } else if step > finest {
                 step -= 1;
@@ -209,13 +205,25 @@ impl Query {
         Ok(crossing)
     }
 
+    fn new_overview(&self) -> Box<Overview> {
+        let terrain = self.terrain();
+        Box::new(Overview::new(
+            terrain.lattice(),
+            self.world_hull(terrain.range()),
+        ))
+    }
+
     fn build_tile(&mut self, leaf: Diamond) -> Result<Tile> {
         let vertices = self.vertices(leaf)?;
         let lattice = self.terrain().lattice();
         let (cells, main) = (lattice.cells_log2(), lattice.has_main_hypotenuse(leaf));
-        Ok(Tile::new(&vertices, cells, main, |unit| {
-            self.world_height(unit)
-        }))
+        Ok(Tile::new(
+            &vertices,
+            cells,
+            main,
+            self.terrain().height_to_world(),
+            |unit| self.world_height(unit),
+        ))
     }
 
     /// The diamond whose square has 2^step cells a side and is around a cell.

@@ -1,25 +1,71 @@
 //! The surface of a leaf diamond, as rays go over it.
 
-use super::course::{Course, Exit, Walk};
+use super::course::{Course, Walk};
 use crate::codec::Matrix;
 
-/// Cells along the sides of blocks on each step of a pyramid, to those of the step below: 2^2.
-pub(super) const STEP: u32 = 2;
+/// A block has 2^2 cells a side, and a square 2^4 or all that there are.
+const BLOCK: u32 = 2;
+const SQUARE: u32 = 4;
+/// Vertices along a block's side.
+const SIDE: usize = (1 << BLOCK) + 1;
 
-/// World heights, (N + 1)^2, row by row; NaN where a vertex is not valid.
-enum Heights {
-    /// Where none loses by it.
-    Single(Box<[f32]>),
-    Double(Box<[f64]>),
+/// A way to keep heights.
+trait Stored: Copy {
+    /// The world height, given that of 0 and of 1; NaN for a vertex that is not valid.
+    fn height(self, scale: [f64; 2]) -> f64;
+}
+
+impl Stored for u16 {
+    #[inline]
+    fn height(self, [zero, one]: [f64; 2]) -> f64 {
+        if self == u16::MAX {
+            return f64::NAN;
+        }
+        zero + f64::from(self) * one
+    }
+}
+
+impl Stored for f32 {
+    #[inline]
+    fn height(self, _: [f64; 2]) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Stored for f64 {
+    #[inline]
+    fn height(self, _: [f64; 2]) -> f64 {
+        self
+    }
+}
+
+/// 4 x 4 cells: all that a ray needs of them, in one line of memory where heights are short.
+#[repr(C, align(64))]
+struct Block<H> {
+    /// `[row][column]`, with the first of the blocks beside it.
+    heights: [[H; SIDE]; SIDE],
+    /// Least and greatest height.
+    range: [f32; 2],
+}
+
+/// Row by row. Heights are as exact as doubles.
+enum Blocks {
+    Short(Box<[Block<u16>]>),
+    Single(Box<[Block<f32>]>),
+    Double(Box<[Block<f64>]>),
 }
 
 /// A leaf: N x N cells, all with the same diagonal.
 pub(super) struct Tile {
-    heights: Heights,
+    blocks: Blocks,
+    /// World height of a short 0, and a short 1 above it.
+    scale: [f64; 2],
     has_main_diagonal: bool,
     cells_log2: u32,
-    /// Least and greatest height over blocks of 2^2, 2^4 ... cells a side, finest first, row by row, and at the end over all.
-    ranges: Box<[[f32; 2]]>,
+    /// Least and greatest height of each square, row by row.
+    squares: Box<[[f32; 2]]>,
+    /// Of all.
+    range: [f32; 2],
 }
 
 /// What became of a ray over a tile.
@@ -28,160 +74,177 @@ pub(super) enum Crossing {
     Met(f64),
     /// It came to its end.
     Ended,
-    /// It goes on in the cell beside it that the walk has come to, over a line that is a multiple of 2 to this power.
+    /// It goes on in another cell, which the walk has come to, over a line that is a multiple of 2 to this power.
     Left(u32),
 }
 
 impl Tile {
-    /// `world` gives the height of a unit.
+    /// World heights are about `height_to_world[0] + height_to_world[1] * unit`; `world` gives the exact one.
     pub(super) fn new(
         vertices: &Matrix,
         cells_log2: u32,
         has_main_diagonal: bool,
+        height_to_world: [f64; 2],
         world: impl Fn(i32) -> f64,
     ) -> Tile {
-        let exact: Box<[f64]> = vertices
-            .values
-            .iter()
-            .enumerate()
-            .map(|(index, &unit)| {
-                if vertices.is_valid(index) {
-                    world(unit)
-                } else {
-                    f64::NAN
-                }
-            })
-            .collect();
-        let is_single = exact
-            .iter()
-            .all(|&height| height.is_nan() || f64::from(height as f32) == height);
+        let valid = || (0..vertices.values.len()).filter(|&index| vertices.is_valid(index));
+        let lowest = valid()
+            .map(|index| vertices.values[index])
+            .min()
+            .unwrap_or(0);
+        let mut exact = vec![f64::NAN; vertices.values.len()];
+        valid().for_each(|index| exact[index] = world(vertices.values[index]));
+        let scale = [
+            height_to_world[0] + height_to_world[1] * f64::from(lowest),
+            height_to_world[1],
+        ];
+        let short = |index: usize| {
+            let count = i64::from(vertices.values[index]) - i64::from(lowest);
+            u16::try_from(count).ok().filter(|&short| short < u16::MAX)
+        };
+        let is_short = valid().all(|index| {
+            let height = short(index).map_or(f64::NAN, |short| short.height(scale));
+            (height - exact[index]).abs() <= 4.0 * f64::EPSILON * exact[index].abs()
+        });
+        let is_single = || valid().all(|index| f64::from(exact[index] as f32) == exact[index]);
+        let finest = block_ranges(&exact, cells_log2);
+        let squares = square_ranges(&finest, cells_log2);
+        let blocks = if is_short {
+            let stored = |index| match vertices.is_valid(index) {
+                true => short(index).unwrap_or(u16::MAX),
+                false => u16::MAX,
+            };
+            Blocks::Short(blocks(cells_log2, &finest, stored))
+        } else if is_single() {
+            Blocks::Single(blocks(cells_log2, &finest, |index| exact[index] as f32))
+        } else {
+            Blocks::Double(blocks(cells_log2, &finest, |index| exact[index]))
+        };
         Tile {
-            ranges: ranges(&exact, cells_log2),
-            heights: if is_single {
-                Heights::Single(exact.iter().map(|&height| height as f32).collect())
-            } else {
-                Heights::Double(exact)
-            },
+            blocks,
+            scale,
             has_main_diagonal,
             cells_log2,
+            range: squares.iter().copied().fold(NOTHING, hull),
+            squares,
         }
     }
 
     pub(super) fn bytes(&self) -> u64 {
-        let heights = match &self.heights {
-            Heights::Single(heights) => size_of_val(&**heights),
-            Heights::Double(heights) => size_of_val(&**heights),
+        let blocks = match &self.blocks {
+            Blocks::Short(blocks) => size_of_val(&**blocks),
+            Blocks::Single(blocks) => size_of_val(&**blocks),
+            Blocks::Double(blocks) => size_of_val(&**blocks),
         };
-        (heights + size_of_val(&*self.ranges)) as u64
+        (blocks + size_of_val(&*self.squares) + size_of::<Tile>()) as u64
     }
 
-    /// Least and greatest height; none are above or below.
+    /// Least and greatest height.
     pub(super) fn range(&self) -> [f32; 2] {
-        self.ranges[self.ranges.len() - 1]
+        self.range
     }
 
     /// Follows a ray that is over the tile until it meets it or leaves it.
     pub(super) fn cross(&self, course: &mut Course, walk: &mut Walk) -> Crossing {
-        match &self.heights {
-            Heights::Single(heights) => self.follow(heights, course, walk),
-            Heights::Double(heights) => self.follow(heights, course, walk),
+        match &self.blocks {
+            Blocks::Short(blocks) => self.follow_squares(blocks, course, walk),
+            Blocks::Single(blocks) => self.follow_squares(blocks, course, walk),
+            Blocks::Double(blocks) => self.follow_squares(blocks, course, walk),
         }
     }
 
-    fn follow<H: Copy + Into<f64>>(
+    fn follow_squares<H: Stored>(
         &self,
-        heights: &[H],
+        blocks: &[Block<H>],
         course: &mut Course,
         walk: &mut Walk,
     ) -> Crossing {
-        let coarsest = (self.cells_log2 - 1) / STEP * STEP;
-        let mut step = coarsest;
+        let step = SQUARE.min(self.cells_log2);
         loop {
-            let exit = walk.exit(step);
-            if step == 0 {
-                if let Some(distance) = self.meet(heights, course, walk, &exit) {
-                    return Crossing::Met(distance);
-                }
-            } else if walk.passes(course, &exit, self.block(step, walk.cell)) {
+            let exit = walk.exit(course, step);
+            let line = if walk.passes(&exit, self.squares[self.index(step, walk.cell)]) {
                 course.above = f64::NAN;
+                if exit.is_end {
+                    return Crossing::Ended;
+                }
+                walk.advance(course, &exit, step)
             } else {
-                step -= STEP;
-                continue;
+                match self.follow_blocks(blocks, course, walk) {
+                    Crossing::Left(line) => line,
+                    ended => return ended,
+                }
+            };
+            if line >= self.cells_log2 {
+                return Crossing::Left(line);
+            }
+        }
+    }
+
+    /// The same over a square.
+    #[inline]
+    fn follow_blocks<H: Stored>(
+        &self,
+        blocks: &[Block<H>],
+        course: &mut Course,
+        walk: &mut Walk,
+    ) -> Crossing {
+        let around = SQUARE.min(self.cells_log2);
+        loop {
+            let exit = walk.exit(course, BLOCK);
+            let block = &blocks[self.index(BLOCK, walk.cell)];
+            let line = if walk.passes(&exit, block.range) {
+                course.above = f64::NAN;
+                if exit.is_end {
+                    return Crossing::Ended;
+                }
+                walk.advance(course, &exit, BLOCK)
+            } else {
+                match self.follow_cells(block, course, walk) {
+                    Crossing::Left(line) => line,
+                    ended => return ended,
+                }
+            };
+            if line >= around {
+                return Crossing::Left(line);
+            }
+        }
+    }
+
+    /// The same over a block.
+    fn follow_cells<H: Stored>(
+        &self,
+        block: &Block<H>,
+        course: &mut Course,
+        walk: &mut Walk,
+    ) -> Crossing {
+        loop {
+            let exit = walk.exit(course, 0);
+            let [x, y] = walk.cell.map(|along| along as usize % (SIDE - 1));
+            let rows = [&block.heights[y], &block.heights[y + 1]];
+            let cell = Cell {
+                corners: rows
+                    .map(|row| [row[x], row[x + 1]].map(|height| height.height(self.scale))),
+                has_main_diagonal: self.has_main_diagonal,
+            };
+            let ends = [(walk.t, walk.z), (exit.t, exit.z)];
+            let places = ends.map(|(t, _)| course.within(walk.cell, t));
+            if let Some(distance) = cell.cross(course, ends, places) {
+                return Crossing::Met(distance);
             }
             if exit.is_end {
                 return Crossing::Ended;
             }
-            let aligned = walk.advance(course, &exit, step);
-            if aligned >= self.cells_log2 {
-                return Crossing::Left(aligned);
-            }
-            if aligned >= step + STEP && step < coarsest {
-                step += STEP;
+            let line = walk.advance(course, &exit, 0);
+            if line >= BLOCK {
+                return Crossing::Left(line);
             }
         }
     }
 
-    /// Range of the block of 2^step cells a side around a cell.
-    fn block(&self, step: u32, cell: [i32; 2]) -> [f32; 2] {
-        let n = self.cells_log2;
-        let [x, y] = cell.map(|along| ((along as u32 & ((1 << n) - 1)) >> step) as usize);
-        let mut start = 0;
-        for finer in (STEP..step).step_by(STEP as usize) {
-            start += 1usize << (2 * (n - finer));
-        }
-        self.ranges[start + (y << (n - step)) + x]
-    }
-
-    /// Looks at both triangles of a cell: where the ray meets them.
-    fn meet<H: Copy + Into<f64>>(
-        &self,
-        heights: &[H],
-        course: &mut Course,
-        walk: &Walk,
-        exit: &Exit,
-    ) -> Option<f64> {
-        let n = self.cells_log2;
-        let [x, y] = walk
-            .cell
-            .map(|along| (along as u32 & ((1 << n) - 1)) as usize);
-        let first = y * ((1 << n) + 1) + x;
-        let rows = [
-            &heights[first..first + 2],
-            &heights[first + (1 << n) + 1..first + (1 << n) + 3],
-        ];
-        let corners = rows.map(|row| [row[0].into(), row[1].into()]);
-        let cell = Cell {
-            corners,
-            has_main_diagonal: self.has_main_diagonal,
-        };
-        let ends = [walk.t, exit.t];
-        let places = ends.map(|t| course.within(walk.cell, t));
-        let sides = places.map(|place| cell.side(place));
-        if sides[0] * sides[1] < 0.0 {
-            let share = sides[0] / (sides[0] - sides[1]);
-            let between = ends[0] + share * (ends[1] - ends[0]);
-            let place =
-                [0, 1].map(|axis| places[0][axis] + share * (places[1][axis] - places[0][axis]));
-            return cell
-                .meet(
-                    course,
-                    sides[0] > 0.0,
-                    [ends[0], between],
-                    [places[0], place],
-                )
-                .or_else(|| {
-                    cell.meet(
-                        course,
-                        sides[1] > 0.0,
-                        [between, ends[1]],
-                        [place, places[1]],
-                    )
-                });
-        }
-        let side = sides[0] + sides[1];
-        // Along the diagonal, which belongs to both, one that is drawn.
-        let is_first = side > 0.0 || side == 0.0 && !cell.height(true, places[0]).is_nan();
-        cell.meet(course, is_first, ends, places)
+    /// The number of the square of 2^step cells a side around a cell.
+    fn index(&self, step: u32, cell: [i32; 2]) -> usize {
+        let [x, y] = cell.map(|along| (along as usize & ((1 << self.cells_log2) - 1)) >> step);
+        (y << (self.cells_log2 - step)) + x
     }
 }
 
@@ -193,8 +256,8 @@ struct Cell {
 }
 
 impl Cell {
-    /// Positive over the first triangle, that of the corner of the first row which the diagonal leaves out or, if it has both,
-    /// of the first corner; negative over the second.
+    /// Positive over the first triangle, that with the second corner of the first row or, if the diagonal has it, with the first; negative
+    /// over the other.
     fn side(&self, [a, b]: [f64; 2]) -> f64 {
         if self.has_main_diagonal {
             a - b
@@ -214,54 +277,96 @@ impl Cell {
         }
     }
 
+    /// Where a ray meets a triangle between two of its places over the cell, given its distance and height there.
+    #[inline]
+    fn cross(
+        &self,
+        course: &mut Course,
+        [from, to]: [(f64, f64); 2],
+        places: [[f64; 2]; 2],
+    ) -> Option<f64> {
+        let sides = places.map(|place| self.side(place));
+        if sides[0] * sides[1] < 0.0 {
+            let share = sides[0] / (sides[0] - sides[1]);
+            let t = from.0 + share * (to.0 - from.0);
+            let between = (t, course.height(t));
+            let place =
+                [0, 1].map(|axis| places[0][axis] + share * (places[1][axis] - places[0][axis]));
+            let met = self.meet(course, sides[0] > 0.0, [from, between], [places[0], place]);
+            if met.is_some() {
+                return met;
+            }
+            return self.meet(course, sides[1] > 0.0, [between, to], [place, places[1]]);
+        }
+        let side = sides[0] + sides[1];
+        // Along the diagonal, which belongs to both, one that is drawn.
+        let is_first = side > 0.0 || side == 0.0 && !self.height(true, places[0]).is_nan();
+        self.meet(course, is_first, [from, to], places)
+    }
+
+    #[inline]
     fn meet(
         &self,
         course: &mut Course,
         is_first: bool,
-        interval: [f64; 2],
-        [from, to]: [[f64; 2]; 2],
+        ends: [(f64, f64); 2],
+        places: [[f64; 2]; 2],
     ) -> Option<f64> {
-        let first = course.height(interval[0]) - self.height(is_first, from);
-        let last = course.height(interval[1]) - self.height(is_first, to);
-        course.meet(interval, [first, last])
+        let first = ends[0].1 - self.height(is_first, places[0]);
+        let last = ends[1].1 - self.height(is_first, places[1]);
+        course.meet([ends[0].0, ends[1].0], [first, last])
     }
 }
 
-/// See [`Tile::ranges`].
-fn ranges(heights: &[f64], cells_log2: u32) -> Box<[[f32; 2]]> {
-    let side = (1 << cells_log2) + 1;
-    let hull = |a: [f64; 2], b: [f64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-    let empty = [f64::INFINITY, f64::NEG_INFINITY];
-    let mut all = Vec::new();
-    let block = 1 << STEP;
-    let mut count = (1usize << cells_log2) >> STEP;
-    let mut finest = Vec::with_capacity(count * count);
-    for y in 0..count {
-        for x in 0..count {
-            let rows = (y * block..=(y + 1) * block)
-                .map(|row| &heights[row * side + x * block..][..=block]);
-            // NaN is neither less nor greater than anything.
-            finest.push(
-                rows.flatten()
-                    .fold(empty, |range, &height| hull(range, [height, height])),
-            );
+fn blocks<H: Stored>(
+    cells_log2: u32,
+    ranges: &[[f32; 2]],
+    stored: impl Fn(usize) -> H,
+) -> Box<[Block<H>]> {
+    let (cells, count) = (1 << cells_log2, 1 << (cells_log2 - BLOCK));
+    let block = |(index, &range): (usize, &[f32; 2])| {
+        let first = (index / count * (cells + 1) + index % count) * (SIDE - 1);
+        let row = |j: usize| std::array::from_fn(|i| stored(first + j * (cells + 1) + i));
+        Block {
+            heights: std::array::from_fn(row),
+            range,
         }
+    };
+    ranges.iter().enumerate().map(block).collect()
+}
+
+/// That of no heights.
+const NOTHING: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
+
+fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+fn block_ranges(heights: &[f64], cells_log2: u32) -> Vec<[f32; 2]> {
+    let (side, count) = ((1 << cells_log2) + 1, 1usize << (cells_log2 - BLOCK));
+    let block = |index: usize| {
+        let first = (index / count * side + index % count) * (SIDE - 1);
+        let rows = (0..SIDE).map(|row| &heights[first + row * side..][..SIDE]);
+        // NaN is neither less nor greater than anything.
+        let ends = rows.flatten().fold(
+            [f64::INFINITY, f64::NEG_INFINITY],
+            |[low, high], &height| [low.min(height), high.max(height)],
+        );
+        outwards(ends)
+    };
+    (0..count * count).map(block).collect()
+}
+
+fn square_ranges(blocks: &[[f32; 2]], cells_log2: u32) -> Box<[[f32; 2]]> {
+    let count = 1usize << (cells_log2 - BLOCK);
+    let squares = count.div_ceil(1 << (SQUARE - BLOCK));
+    let each = count / squares;
+    let mut ranges = vec![NOTHING; squares * squares].into_boxed_slice();
+    for (index, &range) in blocks.iter().enumerate() {
+        let around = &mut ranges[index / count / each * squares + index % count / each];
+        *around = hull(*around, range);
     }
-    loop {
-        all.extend(finest.iter().map(|&range| outwards(range)));
-        if count == 1 {
-            break;
-        }
-        let coarser = (count >> STEP).max(1);
-        let each = count / coarser;
-        let mut next = vec![empty; coarser * coarser];
-        for (index, &range) in finest.iter().enumerate() {
-            let slot = &mut next[index / count / each * coarser + index % count / each];
-            *slot = hull(*slot, range);
-        }
-        (finest, count) = (next, coarser);
-    }
-    all.into_boxed_slice()
+    ranges
 }
 
 /// The narrowest range of singles around one of doubles.

@@ -7,6 +7,7 @@ mod flights;
 mod metrics;
 mod missing;
 mod properties;
+mod ray_hits;
 mod rays;
 mod repositories;
 mod scenes;

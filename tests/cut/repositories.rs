@@ -45,7 +45,7 @@ pub fn build_at(path: &Path, source: &MemorySource, options: &BuildOptions) {
 }
 
 /// The same after some of its bytes, in these parts of the blocks, were changed, and a repair.
-fn repaired_repository(
+pub fn repaired_repository(
     source: &MemorySource,
     options: &BuildOptions,
     places: &[f64],
