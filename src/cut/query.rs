@@ -1,12 +1,14 @@
 //! Heights at points, without any view.
 
+use super::cache::{Cache, Kept};
 use super::coarse::{self, CoarseHalf, matrix_indices};
+use super::overview::Overview;
 use super::source::DiamondSource;
 use super::terrain::Terrain;
 use crate::codec::{Matrix, child_vertices};
 use crate::lattice::{Diamond, Lattice, Site};
 use crate::{Error, Result};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// How far beside the raster, in samples, a place may lie and count as on its edge: coordinates come with
@@ -33,7 +35,9 @@ pub struct Height {
 /// on a terrain.
 pub struct Query {
     terrain: Arc<Terrain>,
-    cache: Cache,
+    pub(super) cache: Cache,
+    /// Once a ray was asked for.
+    pub(super) overview: Option<Box<Overview>>,
     /// Ranges of units of diamonds that rays came by, as they were decoded.
     ranges: HashMap<Diamond, [i32; 2]>,
 }
@@ -45,6 +49,7 @@ impl Query {
         Query {
             terrain,
             cache: Cache::new(byte_limit),
+            overview: None,
             ranges: HashMap::new(),
         }
     }
@@ -218,27 +223,32 @@ impl Query {
 
     /// A diamond's matrices, from the cache or by decoding what they need.
     pub(super) fn refined(&mut self, diamond: Diamond) -> Result<Arc<Matrices>> {
-        if let Some(found) = self.cache.get(diamond) {
+        if let Some(found) = self.cache.refined(diamond) {
             return Ok(found);
         }
+        let vertices = self.vertices(diamond)?;
+        let refined = self.terrain.refine(diamond, &vertices)?;
+        let (vertices, centres) = refined.into_matrices(vertices);
+        let refined = Arc::new(Matrices { vertices, centres });
+        self.cache.put(diamond, Kept::Refined(refined.clone()));
+        Ok(refined)
+    }
+
+    /// A diamond's vertices, whose parents are decoded for it.
+    pub(super) fn vertices(&mut self, diamond: Diamond) -> Result<Matrix> {
         let terrain = self.terrain.clone();
         let lattice = terrain.lattice();
-        let vertices = if diamond == lattice.root() {
-            terrain.root().clone()
-        } else {
-            let mut parents = [None, None];
-            for (slot, parent) in parents.iter_mut().zip(lattice.parents(diamond)) {
-                *slot = parent.map(|parent| self.refined(parent)).transpose()?;
-            }
-            let matrices = parents
-                .each_ref()
-                .map(|parent| parent.as_ref().map(|p| (&p.vertices, &p.centres)));
-            child_vertices(lattice, diamond, matrices)
-        };
-        let (vertices, centres) = terrain.refine(diamond, &vertices)?.into_matrices(vertices);
-        let refined = Arc::new(Matrices { vertices, centres });
-        self.cache.put(diamond, refined.clone());
-        Ok(refined)
+        if diamond == lattice.root() {
+            return Ok(terrain.root().clone());
+        }
+        let mut parents = [None, None];
+        for (slot, parent) in parents.iter_mut().zip(lattice.parents(diamond)) {
+            *slot = parent.map(|parent| self.refined(parent)).transpose()?;
+        }
+        let matrices = parents
+            .each_ref()
+            .map(|parent| parent.as_ref().map(|p| (&p.vertices, &p.centres)));
+        Ok(child_vertices(lattice, diamond, matrices))
     }
 
     /// Keeps the byte limit.
@@ -298,57 +308,8 @@ pub(super) struct Matrices {
 }
 
 impl Matrices {
-    fn bytes(&self) -> u64 {
+    pub(super) fn bytes(&self) -> u64 {
         let matrix = |m: &Matrix| m.values.len() * 4 + m.valid.as_ref().map_or(0, |v| v.len());
         (matrix(&self.vertices) + matrix(&self.centres)) as u64
-    }
-}
-
-/// Decoded diamonds, the least recently used ones leaving first.
-struct Cache {
-    limit: u64,
-    bytes: u64,
-    clock: u64,
-    entries: HashMap<Diamond, (u64, Arc<Matrices>)>,
-    by_age: BTreeMap<u64, Diamond>,
-}
-
-impl Cache {
-    fn new(limit: u64) -> Cache {
-        Cache {
-            limit,
-            bytes: 0,
-            clock: 0,
-            entries: HashMap::new(),
-            by_age: BTreeMap::new(),
-        }
-    }
-
-    fn get(&mut self, diamond: Diamond) -> Option<Arc<Matrices>> {
-        let (used, refined) = self.entries.get_mut(&diamond)?;
-        self.by_age.remove(used);
-        self.clock += 1;
-        *used = self.clock;
-        self.by_age.insert(self.clock, diamond);
-        Some(refined.clone())
-    }
-
-    fn put(&mut self, diamond: Diamond, refined: Arc<Matrices>) {
-        self.clock += 1;
-        self.bytes += refined.bytes();
-        self.by_age.insert(self.clock, diamond);
-        self.entries.insert(diamond, (self.clock, refined));
-    }
-
-    /// Forgets the oldest entries until the limit holds.
-    fn trim(&mut self) {
-        while self.bytes > self.limit {
-            let Some((_, oldest)) = self.by_age.pop_first() else {
-                return;
-            };
-            if let Some((_, refined)) = self.entries.remove(&oldest) {
-                self.bytes -= refined.bytes();
-            }
-        }
     }
 }

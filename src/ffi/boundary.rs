@@ -1,6 +1,7 @@
 //! What every function of the boundary shares: the panic barrier and the checks of pointers.
 
 use std::any::Any;
+use std::borrow::Cow;
 use std::ffi::{CStr, c_char};
 use std::mem::MaybeUninit;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,21 +14,21 @@ use crate::Error;
 /// Why a function did not do what it was asked.
 pub(super) struct Failure {
     pub(super) status: kmb_status,
-    pub(super) message: String,
+    pub(super) message: Cow<'static, str>,
 }
 
 /// What a body gives to the barrier.
 pub(super) type Outcome = Result<(), Failure>;
 
 impl Failure {
-    pub(super) fn new(status: kmb_status, message: impl Into<String>) -> Failure {
+    pub(super) fn new(status: kmb_status, message: impl Into<Cow<'static, str>>) -> Failure {
         Failure {
             status,
             message: message.into(),
         }
     }
 
-    pub(super) fn argument(message: impl Into<String>) -> Failure {
+    pub(super) fn argument(message: impl Into<Cow<'static, str>>) -> Failure {
         Failure::new(kmb_status::KMB_INVALID_ARGUMENT, message)
     }
 }

@@ -77,13 +77,20 @@ const NAMES: [&CStr; 13] = [
 ];
 
 thread_local! {
-    static LAST_ERROR: RefCell<CString> = RefCell::default();
+    /// With its final NUL, if there was one.
+    static LAST_ERROR: RefCell<Vec<u8>> = RefCell::default();
 }
 
 /// Keeps this thread's message. A thread that is ending keeps none.
 pub(super) fn set_last_error(message: &str) {
-    let message = CString::new(message.replace('\0', " ")).unwrap_or_default();
-    let _ = LAST_ERROR.try_with(|slot| slot.replace(message));
+    let _ = LAST_ERROR.try_with(|slot| {
+        // In the memory of the last one, as rays that meet nothing come by the million.
+        let mut text = slot.borrow_mut();
+        text.clear();
+        let bytes = message.bytes();
+        text.extend(bytes.map(|byte| if byte == 0 { b' ' } else { byte }));
+        text.push(0);
+    });
 }
 
 /// The version of the library as text, "major.minor.patch". The string is static.
@@ -122,7 +129,10 @@ pub extern "C" fn kmb_status_name(status: i32) -> *const c_char {
 /// May be called from any thread at any time.
 #[unsafe(no_mangle)]
 pub extern "C" fn kmb_last_error() -> *const c_char {
-    let message = LAST_ERROR.try_with(|slot| slot.try_borrow().map(|text| text.as_ptr()).ok());
+    let message = LAST_ERROR.try_with(|slot| {
+        let text = slot.try_borrow().ok()?;
+        (!text.is_empty()).then(|| text.as_ptr().cast())
+    });
     message.ok().flatten().unwrap_or(c"".as_ptr())
 }
 

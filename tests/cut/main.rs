@@ -11,6 +11,7 @@ mod metrics;
 mod missing;
 mod profiles;
 mod properties;
+mod ray_hits;
 mod rays;
 mod repositories;
 mod scenes;

@@ -1,6 +1,6 @@
 //! Rays and lines of sight against the surface that heights are read from.
 
-use crate::repositories::repository;
+use crate::repositories::{repaired_repository, repository};
 use crate::scenes::*;
 use crate::support::memory::MemorySource;
 use kimberlite::build::BuildOptions;
@@ -112,6 +112,38 @@ proptest! {
             let ray = Ray { origin, direction, longest: 1.0 };
             prop_assert!(query.ray_intersect(&ray).unwrap().is_some(), "{:?}", ray);
             prop_assert!(!query.is_in_sight(origin, end).unwrap());
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(config(32))]
+
+    #[test]
+    fn no_ray_slips_through_ground_that_a_repair_left_coarse(
+        scene in scenes(),
+        places in prop::collection::vec(0.0f64..1.0, 1..4),
+        ends in prop::collection::vec(([0u32..=256, 0u32..=256], [0u32..=256, 0u32..=256], 0.0f64..1.0), 100),
+    ) {
+        let scene = Scene { voids: Voids::None, ..scene };
+        let source = MemorySource::rough(scene.raster(), scene.cells_log2, 0.0);
+        let options = BuildOptions { cells_log2: scene.cells_log2, ..lossless() };
+        let mut query = Query::new(repaired_repository(&source, &options, &places), 1 << 20);
+        for (from, to, depth) in ends {
+            let ends = [from, to].map(|place| place.map(|k| f64::from(k) / 256.0));
+            let [mut origin, mut end] = ends.map(|at| world(&source, (at, 0.0)));
+            let [Some(first), Some(last)] = [origin, end].map(|at| above(&mut query, at)) else {
+                continue;
+            };
+            origin[2] -= first - 1e-3 - depth;
+            end[2] -= last + 1e-3;
+            let direction: [f64; 3] = std::array::from_fn(|axis| end[axis] - origin[axis]);
+            let ray = Ray { origin, direction, longest: 1.0 };
+            let hit = query.ray_intersect(&ray).unwrap();
+            prop_assert!(hit.is_some(), "{:?}", ray);
+            let height = hit.and_then(|hit| above(&mut query, hit.place));
+            let length = direction.iter().map(|along| along * along).sum::<f64>().sqrt();
+            prop_assert!(height.is_none_or(|height| height.abs() < 1e-7 * (1.0 + length)), "{:?} {:?}", ray, height);
         }
     }
 }
