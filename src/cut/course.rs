@@ -118,13 +118,6 @@ impl Course {
         }
         Some(from + (to - from) * (first / (first - last)))
     }
-
-    /// Column and row within a cell; rounding may put them beside it.
-    #[inline]
-    pub(super) fn within(&self, cell: [i32; 2], t: f64) -> [f64; 2] {
-        let [column, row] = self.grid(t);
-        [column - f64::from(cell[0]), row - f64::from(cell[1])]
-    }
 }
 
 /// Where a ray is on its way over the cells between samples.
@@ -152,11 +145,52 @@ pub(super) struct Exit {
     /// Its height there.
     pub z: f64,
     /// It leaves over a line between columns; else rows.
-    over_column: bool,
-    /// The numbers of the lines ahead between columns and between rows.
-    lines: [i32; 2],
+    pub over_column: bool,
     /// The ray ends in the square.
     pub is_end: bool,
+}
+
+/// From square to square of one size.
+pub(super) struct Steps {
+    /// Column and row of the square, counted in squares.
+    pub square: [i32; 2],
+    /// What one step adds to them.
+    ahead: [i32; 2],
+    /// Where the ray passes the lines ahead between columns and between rows.
+    next: [f64; 2],
+    /// From one such line to the next.
+    stride: [f64; 2],
+}
+
+impl Steps {
+    #[inline]
+    pub(super) fn exit(&self, course: &Course, walk: &Walk) -> Exit {
+        let over_column = self.next[0] <= self.next[1];
+        let ahead = least(self.next[0], self.next[1]);
+        let t = greatest(walk.t, least(ahead, walk.end));
+        Exit {
+            t,
+            z: course.height(t),
+            over_column,
+            is_end: ahead >= walk.end,
+        }
+    }
+
+    /// Goes over a line between columns, else rows.
+    #[inline]
+    pub(super) fn advance(&mut self, over_column: bool) {
+        // Which of them it is cannot be foretold.
+        self.square[0] += select_unpredictable(over_column, self.ahead[0], 0);
+        self.square[1] += select_unpredictable(over_column, 0, self.ahead[1]);
+        self.next[0] += select_unpredictable(over_column, self.stride[0], 0.0);
+        self.next[1] += select_unpredictable(over_column, 0.0, self.stride[1]);
+    }
+
+    /// Whether the square is in the larger one with these coordinates, which has 2^larger of them along a side.
+    #[inline]
+    pub(super) fn is_in(&self, square: [i32; 2], larger: u32) -> bool {
+        (self.square[0] >> larger == square[0]) & (self.square[1] >> larger == square[1])
+    }
 }
 
 impl Walk {
@@ -185,20 +219,17 @@ impl Walk {
         }
     }
 
-    /// Where the ray leaves the square of 2^step cells a side that it is in.
+    /// From the square of 2^step cells a side around the cell.
     #[inline]
-    pub(super) fn exit(&self, course: &Course, step: u32) -> Exit {
-        let lines = [0, 1].map(|axis| ((self.cell[axis] >> step) + self.grows[axis]) << step);
-        let [column, row] =
-            [0, 1].map(|axis| (f64::from(lines[axis]) - self.anchor[axis]) * self.pace[axis]);
-        let ahead = least(column, row);
-        let t = greatest(self.t, least(ahead, self.end));
-        Exit {
-            t,
-            z: course.height(t),
-            over_column: column <= row,
-            lines,
-            is_end: ahead >= self.end,
+    pub(super) fn steps(&self, step: u32) -> Steps {
+        let square = self.cell.map(|along| along >> step);
+        let line = |axis: usize| f64::from((square[axis] + self.grows[axis]) << step);
+        let size = f64::from(1 << step);
+        Steps {
+            square,
+            ahead: self.grows.map(|grows| 2 * grows - 1),
+            next: [0, 1].map(|axis| (line(axis) - self.anchor[axis]) * self.pace[axis]),
+            stride: self.pace.map(|pace| pace.abs() * size),
         }
     }
 
@@ -210,22 +241,30 @@ impl Walk {
         is_above | is_below
     }
 
-    /// Goes to the cell beyond an exit of the square of 2^step cells a side, which may be beside the raster. The line between is a
-    /// multiple of 2 to the power that is returned.
+    /// Goes to an exit.
     #[inline]
-    pub(super) fn advance(&mut self, course: &Course, exit: &Exit, step: u32) -> u32 {
-        let over_column = exit.over_column;
-        // Which of them a ray leaves over cannot be foretold.
-        let either = |column: i32, row: i32| select_unpredictable(over_column, column, row);
-        let [column, row] = course.grid(exit.t);
-        let along = select_unpredictable(over_column, row, column);
-        // Rounding may put the place beside the square that it leaves.
-        let first = either(self.cell[1], self.cell[0]) >> step << step;
-        let beside = (along as i32).clamp(first, first + (1 << step) - 1);
-        let line = either(exit.lines[0], exit.lines[1]);
-        let beyond = line - 1 + either(self.grows[0], self.grows[1]);
-        self.cell = [either(beyond, beside), either(beside, beyond)];
+    pub(super) fn go_on(&mut self, exit: &Exit) {
         (self.t, self.z) = (exit.t, exit.z);
+    }
+
+    /// Finds the cell that the ray is over, in the square of 2^step cells a side: rounding may put the place beside it.
+    #[inline]
+    pub(super) fn enter(&mut self, course: &Course, square: [i32; 2], step: u32) {
+        let at = course.grid(self.t);
+        self.cell = [0, 1].map(|axis| {
+            let first = square[axis] << step;
+            (at[axis] as i32).clamp(first, first + (1 << step) - 1)
+        });
+    }
+
+    /// Goes over a line between columns, else rows, into the square of 2^step cells a side beside the present one, which may be beside
+    /// the raster. The line is a multiple of 2 to the power that is returned.
+    pub(super) fn advance(&mut self, course: &Course, over_column: bool, step: u32) -> u32 {
+        let axis = usize::from(!over_column);
+        let mut square = self.cell.map(|along| along >> step);
+        let line = (square[axis] + self.grows[axis]) << step;
+        square[axis] += 2 * self.grows[axis] - 1;
+        self.enter(course, square, step);
         line.trailing_zeros()
     }
 

@@ -5,7 +5,7 @@ use super::course::{Course, Walk};
 use super::overview::Overview;
 use super::query::Query;
 use super::source::DiamondSource;
-use super::tile::{Crossing, Tile, outwards};
+use super::tile::{Crossing, Tile, outwards, pass};
 use crate::lattice::Diamond;
 use crate::{Error, Result};
 
@@ -133,14 +133,13 @@ impl Query {
                     range
                 }
             };
-            let exit = walk.exit(course, step);
-            let mut crossed = None;
-            if walk.passes(&exit, range) {
-                course.above = f64::NAN;
-            } else if step > finest {
-                step -= 1;
-                continue;
-            } else {
+            let exit = walk.steps(step).exit(course, walk);
+            let mut over_column = exit.over_column;
+            if !walk.passes(&exit, range) {
+                if step > finest {
+                    step -= 1;
+                    continue;
+                }
                 match self.cross_tile(overview, course, walk) {
                     Err(Error::Missing { .. }) => {
                         self.trim();
@@ -148,19 +147,21 @@ impl Query {
                         if met.is_some() {
                             return Ok(met);
                         }
+                        walk.go_on(&exit);
+                        if exit.is_end {
+                            return Ok(None);
+                        }
                     }
                     crossing => match crossing? {
                         Crossing::Met(distance) => return Ok(Some((distance, levels))),
                         Crossing::Ended => return Ok(None),
-                        Crossing::Left(line) => crossed = Some(line),
+                        Crossing::Left { over_column: over } => over_column = over,
                     },
                 }
+            } else if pass(course, walk, &exit) {
+                return Ok(None);
             }
-            let line = match crossed {
-                Some(line) => line,
-                None if exit.is_end => return Ok(None),
-                None => walk.advance(course, &exit, step),
-            };
+            let line = walk.advance(course, over_column, step);
             // The larger square is another one only beyond its own edge.
             if line > step && step < coarsest {
                 step += 1;

@@ -1,6 +1,6 @@
 //! The surface of a leaf diamond, as rays go over it.
 
-use super::course::{Course, Walk};
+use super::course::{Course, Exit, Walk};
 use crate::codec::Matrix;
 
 /// A block has 2^2 cells a side, and a square 2^4 or all that there are.
@@ -39,14 +39,9 @@ impl Stored for f64 {
     }
 }
 
-/// 4 x 4 cells: all that a ray needs of them, in one line of memory where heights are short.
-#[repr(C, align(64))]
-struct Block<H> {
-    /// `[row][column]`, with the first of the blocks beside it.
-    heights: [[H; SIDE]; SIDE],
-    /// Least and greatest height.
-    range: [f32; 2],
-}
+/// Heights of 4 x 4 cells, `[row][column]`, with the first of the blocks beside it: in one line of memory where they are short.
+#[repr(align(64))]
+struct Block<H>([[H; SIDE]; SIDE]);
 
 /// Row by row. Heights are as exact as doubles.
 enum Blocks {
@@ -62,8 +57,8 @@ pub(super) struct Tile {
     scale: [f64; 2],
     has_main_diagonal: bool,
     cells_log2: u32,
-    /// Least and greatest height of each square, row by row.
-    squares: Box<[[f32; 2]]>,
+    /// Least and greatest height of each square, and then of each block, row by row.
+    ranges: Box<[[f32; 2]]>,
     /// Of all.
     range: [f32; 2],
 }
@@ -74,8 +69,8 @@ pub(super) enum Crossing {
     Met(f64),
     /// It came to its end.
     Ended,
-    /// It goes on in another cell, which the walk has come to, over a line that is a multiple of 2 to this power.
-    Left(u32),
+    /// It goes on over a line between columns, else rows.
+    Left { over_column: bool },
 }
 
 impl Tile {
@@ -107,26 +102,28 @@ impl Tile {
             (height - exact[index]).abs() <= 4.0 * f64::EPSILON * exact[index].abs()
         });
         let is_single = || valid().all(|index| f64::from(exact[index] as f32) == exact[index]);
-        let finest = block_ranges(&exact, cells_log2);
-        let squares = square_ranges(&finest, cells_log2);
+        let of_blocks = block_ranges(&exact, cells_log2);
+        let mut ranges = square_ranges(&of_blocks, cells_log2);
+        let range = ranges.iter().copied().fold(NOTHING, hull);
+        ranges.extend(of_blocks);
         let blocks = if is_short {
             let stored = |index| match vertices.is_valid(index) {
                 true => short(index).unwrap_or(u16::MAX),
                 false => u16::MAX,
             };
-            Blocks::Short(blocks(cells_log2, &finest, stored))
+            Blocks::Short(blocks(cells_log2, stored))
         } else if is_single() {
-            Blocks::Single(blocks(cells_log2, &finest, |index| exact[index] as f32))
+            Blocks::Single(blocks(cells_log2, |index| exact[index] as f32))
         } else {
-            Blocks::Double(blocks(cells_log2, &finest, |index| exact[index]))
+            Blocks::Double(blocks(cells_log2, |index| exact[index]))
         };
         Tile {
             blocks,
             scale,
             has_main_diagonal,
             cells_log2,
-            range: squares.iter().copied().fold(NOTHING, hull),
-            squares,
+            ranges: ranges.into_boxed_slice(),
+            range,
         }
     }
 
@@ -136,7 +133,7 @@ impl Tile {
             Blocks::Single(blocks) => size_of_val(&**blocks),
             Blocks::Double(blocks) => size_of_val(&**blocks),
         };
-        (blocks + size_of_val(&*self.squares) + size_of::<Tile>()) as u64
+        (blocks + size_of_val(&*self.ranges) + size_of::<Tile>()) as u64
     }
 
     /// Least and greatest height.
@@ -160,28 +157,29 @@ impl Tile {
         walk: &mut Walk,
     ) -> Crossing {
         let step = SQUARE.min(self.cells_log2);
+        let tile = walk.cell.map(|along| along >> self.cells_log2);
+        let mut steps = walk.steps(step);
         loop {
-            let exit = walk.exit(course, step);
-            let line = if walk.passes(&exit, self.squares[self.index(step, walk.cell)]) {
-                course.above = f64::NAN;
-                if exit.is_end {
-                    return Crossing::Ended;
-                }
-                walk.advance(course, &exit, step)
-            } else {
+            let exit = steps.exit(course, walk);
+            let mut over_column = exit.over_column;
+            let range = self.ranges[self.index(step, steps.square)];
+            if !walk.passes(&exit, range) {
+                walk.enter(course, steps.square, step);
                 match self.follow_blocks(blocks, course, walk) {
-                    Crossing::Left(line) => line,
+                    Crossing::Left { over_column: over } => over_column = over,
                     ended => return ended,
                 }
-            };
-            if line >= self.cells_log2 {
-                return Crossing::Left(line);
+            } else if pass(course, walk, &exit) {
+                return Crossing::Ended;
+            }
+            steps.advance(over_column);
+            if !steps.is_in(tile, self.cells_log2 - step) {
+                return Crossing::Left { over_column };
             }
         }
     }
 
     /// The same over a square.
-    #[inline]
     fn follow_blocks<H: Stored>(
         &self,
         blocks: &[Block<H>],
@@ -189,23 +187,25 @@ impl Tile {
         walk: &mut Walk,
     ) -> Crossing {
         let around = SQUARE.min(self.cells_log2);
+        let square = walk.cell.map(|along| along >> around);
+        let ranges = &self.ranges[1 << (2 * (self.cells_log2 - around))..];
+        let mut steps = walk.steps(BLOCK);
         loop {
-            let exit = walk.exit(course, BLOCK);
-            let block = &blocks[self.index(BLOCK, walk.cell)];
-            let line = if walk.passes(&exit, block.range) {
-                course.above = f64::NAN;
-                if exit.is_end {
-                    return Crossing::Ended;
-                }
-                walk.advance(course, &exit, BLOCK)
-            } else {
-                match self.follow_cells(block, course, walk) {
-                    Crossing::Left(line) => line,
+            let exit = steps.exit(course, walk);
+            let mut over_column = exit.over_column;
+            let index = self.index(BLOCK, steps.square);
+            if !walk.passes(&exit, ranges[index]) {
+                walk.enter(course, steps.square, BLOCK);
+                match self.follow_cells(&blocks[index], course, walk) {
+                    Crossing::Left { over_column: over } => over_column = over,
                     ended => return ended,
                 }
-            };
-            if line >= around {
-                return Crossing::Left(line);
+            } else if pass(course, walk, &exit) {
+                return Crossing::Ended;
+            }
+            steps.advance(over_column);
+            if !steps.is_in(square, around - BLOCK) {
+                return Crossing::Left { over_column };
             }
         }
     }
@@ -213,39 +213,57 @@ impl Tile {
     /// The same over a block.
     fn follow_cells<H: Stored>(
         &self,
-        block: &Block<H>,
+        Block(heights): &Block<H>,
         course: &mut Course,
         walk: &mut Walk,
     ) -> Crossing {
+        let block = walk.cell.map(|along| along >> BLOCK);
+        let mut steps = walk.steps(0);
+        let mut from = course.grid(walk.t);
         loop {
-            let exit = walk.exit(course, 0);
-            let [x, y] = walk.cell.map(|along| along as usize % (SIDE - 1));
-            let rows = [&block.heights[y], &block.heights[y + 1]];
+            let exit = steps.exit(course, walk);
+            let to = course.grid(exit.t);
+            let [x, y] = steps.square.map(|along| along as usize % (SIDE - 1));
+            let rows = [&heights[y], &heights[y + 1]];
             let cell = Cell {
                 corners: rows
                     .map(|row| [row[x], row[x + 1]].map(|height| height.height(self.scale))),
                 has_main_diagonal: self.has_main_diagonal,
             };
+            let first = steps.square.map(f64::from);
+            let places = [from, to].map(|place| [place[0] - first[0], place[1] - first[1]]);
             let ends = [(walk.t, walk.z), (exit.t, exit.z)];
-            let places = ends.map(|(t, _)| course.within(walk.cell, t));
             if let Some(distance) = cell.cross(course, ends, places) {
                 return Crossing::Met(distance);
             }
             if exit.is_end {
                 return Crossing::Ended;
             }
-            let line = walk.advance(course, &exit, 0);
-            if line >= BLOCK {
-                return Crossing::Left(line);
+            walk.go_on(&exit);
+            from = to;
+            steps.advance(exit.over_column);
+            if !steps.is_in(block, BLOCK) {
+                return Crossing::Left {
+                    over_column: exit.over_column,
+                };
             }
         }
     }
 
-    /// The number of the square of 2^step cells a side around a cell.
-    fn index(&self, step: u32, cell: [i32; 2]) -> usize {
-        let [x, y] = cell.map(|along| (along as usize & ((1 << self.cells_log2) - 1)) >> step);
-        (y << (self.cells_log2 - step)) + x
+    /// The number of a square of 2^step cells a side in the tile.
+    fn index(&self, step: u32, square: [i32; 2]) -> usize {
+        let bits = self.cells_log2 - step;
+        let [x, y] = square.map(|along| along as usize & ((1 << bits) - 1));
+        (y << bits) + x
     }
+}
+
+/// Goes on above or below all that is in a square; whether the ray ends in it.
+#[inline]
+pub(super) fn pass(course: &mut Course, walk: &mut Walk, exit: &Exit) -> bool {
+    course.above = f64::NAN;
+    walk.go_on(exit);
+    exit.is_end
 }
 
 /// Two triangles.
@@ -318,21 +336,14 @@ impl Cell {
     }
 }
 
-fn blocks<H: Stored>(
-    cells_log2: u32,
-    ranges: &[[f32; 2]],
-    stored: impl Fn(usize) -> H,
-) -> Box<[Block<H>]> {
-    let (cells, count) = (1 << cells_log2, 1 << (cells_log2 - BLOCK));
-    let block = |(index, &range): (usize, &[f32; 2])| {
+fn blocks<H: Stored>(cells_log2: u32, stored: impl Fn(usize) -> H) -> Box<[Block<H>]> {
+    let (cells, count) = (1 << cells_log2, 1usize << (cells_log2 - BLOCK));
+    let block = |index: usize| {
         let first = (index / count * (cells + 1) + index % count) * (SIDE - 1);
         let row = |j: usize| std::array::from_fn(|i| stored(first + j * (cells + 1) + i));
-        Block {
-            heights: std::array::from_fn(row),
-            range,
-        }
+        Block(std::array::from_fn(row))
     };
-    ranges.iter().enumerate().map(block).collect()
+    (0..count * count).map(block).collect()
 }
 
 /// That of no heights.
@@ -357,11 +368,11 @@ fn block_ranges(heights: &[f64], cells_log2: u32) -> Vec<[f32; 2]> {
     (0..count * count).map(block).collect()
 }
 
-fn square_ranges(blocks: &[[f32; 2]], cells_log2: u32) -> Box<[[f32; 2]]> {
+fn square_ranges(blocks: &[[f32; 2]], cells_log2: u32) -> Vec<[f32; 2]> {
     let count = 1usize << (cells_log2 - BLOCK);
     let squares = count.div_ceil(1 << (SQUARE - BLOCK));
     let each = count / squares;
-    let mut ranges = vec![NOTHING; squares * squares].into_boxed_slice();
+    let mut ranges = vec![NOTHING; squares * squares];
     for (index, &range) in blocks.iter().enumerate() {
         let around = &mut ranges[index / count / each * squares + index % count / each];
         *around = hull(*around, range);

@@ -288,9 +288,9 @@ fn rays_meet_the_triangle_that_all_triangles_say() {
     let mut numbers = Numbers(11);
     for (voids, cells_log2) in [
         (Voids::None, 5),
-        (Voids::Blob, 3),
+        (Voids::Blob, 4),
         (Voids::Sparse, 4),
-        (Voids::None, 2),
+        (Voids::None, 6),
     ] {
         let source = MemorySource::rough(hills(SIDE, SIDE, 3, voids), cells_log2, 0.0);
         let options = BuildOptions {

@@ -127,8 +127,7 @@ proptest! {
     ) {
         let scene = Scene { voids: Voids::None, ..scene };
         let source = MemorySource::rough(scene.raster(), scene.cells_log2, 0.0);
-        let options = BuildOptions { cells_log2: scene.cells_log2, ..lossless() };
-        let mut query = Query::new(repaired_repository(&source, &options, &places), 1 << 20);
+        let mut query = Query::new(repaired_repository(&source, &lossless(), &places), 1 << 20);
         for (from, to, depth) in ends {
             let ends = [from, to].map(|place| place.map(|k| f64::from(k) / 256.0));
             let [mut origin, mut end] = ends.map(|at| world(&source, (at, 0.0)));
