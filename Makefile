@@ -6,6 +6,7 @@
 #              IMAGE=file adds colour, FILE=x.kmb is flown over
 # make flights triangles against the error on the screen, the time of an update, and recovery from a jump, for docs/charts/: over FILE=x.kmb, else over
 #              the largest GeoTIFF of DATA or data/, built at a max error of 1; ARGS="--parts frame,jump" only what is timed
+# make rays    rays against the finest surface, ours and Embree's on the same triangles; FILE and DATA as for flights; ARGS="--rays N --scenes mesh"
 # make storage the same blocks in our file, LMDB, redb and SQLite: size, opening, look-ups, scans; FILE=x.kmb, ARGS="--grow MIB" repeats its blocks
 # make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads; a build killed at fifty
 #              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory;
@@ -22,7 +23,7 @@ KMB := target/release/kmb
 PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick python3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo check deps build library examples header sweep peers chart flights storage soak clean
+.PHONY: demo check deps build library examples header sweep peers chart flights rays storage soak clean
 
 deps:
 	@missing=""; for p in $(PACKAGES); do dpkg -s $$p 2>/dev/null | grep -q '^Status: install ok installed' || missing="$$missing $$p"; done; \
@@ -82,6 +83,22 @@ flights:
 	fi; \
 	target/release/flights-bench "$$file" --out docs/charts $(ARGS); \
 	python3 -B benches/peers/flights.py docs/charts
+
+# Not in PACKAGES, as nothing else needs Embree.
+rays:
+	@mkdir -p target/rays
+	@dpkg -s libembree-dev 2>/dev/null | grep -q '^Status: install ok installed' || $(MAKE) deps PACKAGES="g++ libembree-dev"
+	cargo build --release --locked
+	g++ -O3 -std=c++17 -Wall -Wextra -Iinclude benches/rays/rays.cpp -o target/rays/rays-bench target/release/libkimberlite.a -lembree3 -lpthread -ldl -lm
+	@set -e; file="$(FILE)"; folder="$(or $(DATA),data)"; \
+	if [ -z "$$file" ]; then \
+		raster=$$(ls -S "$$folder"/*.tif 2>/dev/null | head -n 1); \
+		if [ -z "$$raster" ]; then echo "rays: skipped, there is no GeoTIFF in $$folder and no FILE=x.kmb"; exit 0; fi; \
+		echo "rays: no FILE=x.kmb, so over $$raster; its other rasters are skipped"; \
+		file=target/rays/$$(basename "$$raster" .tif).kmb; \
+		$(KMB) build "$$raster" -o "$$file" --max-error 1; \
+	fi; \
+	target/rays/rays-bench "$$file" $(ARGS)
 
 # Its own package, as check need not compile three databases.
 storage:

@@ -429,7 +429,7 @@ int main(int count, char **words) {
         Scene scene(land, name, vertices, corners);
         for (const Kind &kind : kinds) {
             double own = kInfinity, other = kInfinity, packets = kInfinity;
-            size_t hits, other_hits;
+            size_t hits = 0, other_hits = 0;
             for (size_t repeat = 0; repeat < repeats; repeat++) {
                 own = std::min(own, time_ours(ours, kind, hits));
                 other = std::min(other, time_embree(scene, kind, other_hits));

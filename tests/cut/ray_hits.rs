@@ -268,7 +268,7 @@ fn aimed(kind: usize, source: &MemorySource, numbers: &mut Numbers) -> Line {
     } else {
         minus(to, from)
     };
-    let longest = if numbers.next() % 3 == 0 && kind < 5 {
+    let longest = if numbers.next().is_multiple_of(3) && kind < 5 {
         1.0
     } else {
         f64::INFINITY
