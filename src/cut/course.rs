@@ -59,22 +59,23 @@ impl Course {
         longest: f64,
     ) -> Option<[f64; 2]> {
         let margin = CLEARANCE * (1.0 + low.abs().max(high.abs()));
-        let [mut from, mut to] = [0.0, longest];
-        let slabs = [
-            (self.start[0], self.pace[0], [0.0, last[0]]),
-            (self.start[1], self.pace[1], [0.0, last[1]]),
-            (self.z[0], self.z[1].recip(), [low - margin, high + margin]),
+        let bounds = [
+            [0.0, last[0]],
+            [0.0, last[1]],
+            [low - margin, high + margin],
         ];
-        for (start, pace, [low, high]) in slabs {
-            if !pace.is_finite() {
-                if !(low..=high).contains(&start) {
-                    return None;
-                }
-                continue;
+        let starts = [self.start[0], self.start[1], self.z[0]];
+        let paces = [self.pace[0], self.pace[1], self.z[1].recip()];
+        let [mut from, mut to] = [0.0, longest];
+        for axis in 0..3 {
+            let ([low, high], start, pace) = (bounds[axis], starts[axis], paces[axis]);
+            if pace.is_finite() {
+                let ends = [(low - start) * pace, (high - start) * pace];
+                from = greatest(least(ends[0], ends[1]), from);
+                to = least(greatest(ends[0], ends[1]), to);
+            } else if !(low..=high).contains(&start) {
+                return None;
             }
-            let ends = [low, high].map(|end| (end - start) * pace);
-            from = greatest(least(ends[0], ends[1]), from);
-            to = least(greatest(ends[0], ends[1]), to);
         }
         (from <= to).then_some([from, to])
     }
@@ -247,13 +248,15 @@ impl Walk {
         (self.t, self.z) = (exit.t, exit.z);
     }
 
-    /// Finds the cell that the ray is over, in the square of 2^step cells a side: rounding may put the place beside it.
+    /// Finds the cell that the ray is over, in the square of 2^step cells a side: rounding may put the place beside it. The last column and
+    /// row of samples belong to the cells before them.
     #[inline]
     pub(super) fn enter(&mut self, course: &Course, square: [i32; 2], step: u32) {
         let at = course.grid(self.t);
         self.cell = [0, 1].map(|axis| {
             let first = square[axis] << step;
-            (at[axis] as i32).clamp(first, first + (1 << step) - 1)
+            let last = (first + (1 << step) - 1).min(self.last[axis]);
+            (at[axis] as i32).min(last).max(first)
         });
     }
 

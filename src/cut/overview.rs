@@ -67,12 +67,13 @@ impl Overview {
         (square.key == key).then_some(square)
     }
 
-    pub(super) fn put(&mut self, step: u32, cell: [i32; 2], range: [f32; 2]) {
+    pub(super) fn put(&mut self, step: u32, cell: [i32; 2], range: [f32; 2]) -> &Square {
         let (index, key) = self.slot(step, cell);
         self.squares[index] = Square {
             key,
             range,
             tile: usize::MAX,
         };
+        &self.squares[index]
     }
 }

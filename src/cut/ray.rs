@@ -43,8 +43,9 @@ impl Query {
     /// [`Error::Argument`] for numbers that are not finite (but `longest`, which may be infinite), no direction or a
     /// negative `longest`; those of reading and decoding blocks.
     pub fn ray_intersect(&mut self, ray: &Ray) -> Result<Option<Hit>> {
-        let numbers = ray.origin.iter().chain(&ray.direction);
-        let is_bad = numbers.into_iter().any(|number| !number.is_finite())
+        let is_finite = |[x, y, z]: [f64; 3]| x.is_finite() & y.is_finite() & z.is_finite();
+        let is_bad = !is_finite(ray.origin)
+            || !is_finite(ray.direction)
             || ray.direction == [0.0; 3]
             || ray.longest.is_nan()
             || ray.longest < 0.0;
@@ -125,22 +126,21 @@ impl Query {
         let coarsest = finest + levels / 2;
         let mut step = finest;
         while walk.is_over_raster() {
-            let range = match overview.get(step, walk.cell) {
-                Some(square) => square.range,
+            let square = match overview.get(step, walk.cell) {
+                Some(square) => *square,
                 None => {
                     let range = self.square_range(step, walk.cell)?;
-                    overview.put(step, walk.cell, range);
-                    range
+                    *overview.put(step, walk.cell, range)
                 }
             };
             let exit = walk.steps(step).exit(course, walk);
             let mut over_column = exit.over_column;
-            if !walk.passes(&exit, range) {
+            if !walk.passes(&exit, square.range) {
                 if step > finest {
                     step -= 1;
                     continue;
                 }
-                match self.cross_tile(overview, course, walk) {
+                match self.cross_tile(square.tile, overview, course, walk) {
                     Err(Error::Missing { .. }) => {
                         self.trim();
                         let met = self.meet_halves(course, [walk.t, exit.t])?;
@@ -170,18 +170,16 @@ impl Query {
         Ok(None)
     }
 
-    /// Follows the ray over the tile that it is over.
+    /// Follows the ray over the tile that it is over, which is expected at this place.
     fn cross_tile(
         &mut self,
+        expected: usize,
         overview: &mut Overview,
         course: &mut Course,
         walk: &mut Walk,
     ) -> Result<Crossing> {
         let step = self.terrain().lattice().cells_log2();
         let leaf = self.square(step, walk.cell);
-        let expected = overview
-            .get(step, walk.cell)
-            .map_or(usize::MAX, |square| square.tile);
         if let Some(tile) = self.cache.tile(expected, leaf) {
             return Ok(tile.cross(course, walk));
         }

@@ -87,8 +87,10 @@ pub(super) fn set_last_error(message: &str) {
         // In the memory of the last one, as rays that meet nothing come by the million.
         let mut text = slot.borrow_mut();
         text.clear();
-        let bytes = message.bytes();
-        text.extend(bytes.map(|byte| if byte == 0 { b' ' } else { byte }));
+        text.extend_from_slice(message.as_bytes());
+        text.iter_mut()
+            .filter(|byte| **byte == 0)
+            .for_each(|byte| *byte = b' ');
         text.push(0);
     });
 }
