@@ -11,7 +11,8 @@
 # make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads; a build killed at fifty
 #              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory;
 #              20,000 random legal cuts without a crack, half of them with colours and detail, 30,000 settled ones as good as fresh ones, 10,000 whose diamonds threads
-#              decode; four viewers on one repository for ten minutes; a million heights of a raster
+#              decode; four viewers on one repository for ten minutes; a million heights of a raster;
+#              100,000 rays against every triangle
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
 
@@ -110,7 +111,7 @@ storage:
 soak:
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test command_line -- --nocapture --test-threads 1 damage:: resume:: large::
 	KIMBERLITE_CASES=10000 cargo test --locked --release --test cut -- conformity:: grounds:: best:: threads::
-	KIMBERLITE_SOAK=1 cargo test --locked --release --test cut -- --nocapture viewers:: heights::
+	KIMBERLITE_SOAK=1 cargo test --locked --release --test cut -- --nocapture viewers:: heights:: ray_hits::
 
 clean:
 	rm -rf target
