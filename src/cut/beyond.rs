@@ -114,9 +114,9 @@ impl Beyond {
         };
         let middle = |index: usize| {
             let (place, ends) = at(index);
-            let [a, b] = ends.map(|end| vertices.values[end]);
+            let [a, b] = ends.map(|end| i64::from(vertices.values[end]));
             let place = place.map(|along| along * self.lattice.sample_step());
-            ((a + b) >> 1) + noise(place, amplitude)
+            (((a + b) >> 1) as i32).saturating_add(noise(place, amplitude))
         };
         let values = (0..cells * cells).map(middle).collect();
         if vertices.valid.is_none() {
@@ -218,7 +218,7 @@ fn amplitudes(lattice: &Lattice, first: u32, frame: &Frame, unit: f64, detail: D
     let levels = first..lattice.levels();
     let amplitude = |level: u32| {
         // The hypotenuse of a cell, from the second finest level up: the samples' square in the root of 2 each.
-        let edge = step * f64::from(1u32 << (lattice.levels() - level)).sqrt() * 2f64.sqrt();
+        let edge = step * 2f64.powi((lattice.levels() - level) as i32).sqrt() * 2f64.sqrt();
         (detail.roughness * edge / unit) as i32
     };
     levels.map(amplitude).collect()

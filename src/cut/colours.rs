@@ -189,7 +189,10 @@ impl Colours {
         let mut values = Vec::with_capacity(3 * cells * cells);
         for own in vertices.values.chunks_exact(side * side) {
             for (near, far) in own.chunks_exact(side).zip(own[side..].chunks_exact(side)) {
-                let mean = |i: usize| (near[i] + near[i + 1] + far[i] + far[i + 1] + 2) >> 2;
+                let mean = |i: usize| {
+                    let around = [near[i], near[i + 1], far[i], far[i + 1]].map(i64::from);
+                    ((around.iter().sum::<i64>() + 2) >> 2) as i32
+                };
                 values.extend((0..cells).map(mean));
             }
         }
