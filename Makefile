@@ -111,7 +111,8 @@ storage:
 soak:
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test command_line -- --nocapture --test-threads 1 damage:: resume:: large::
 	KIMBERLITE_CASES=10000 cargo test --locked --release --test cut -- conformity:: grounds:: best:: threads::
-	KIMBERLITE_SOAK=1 cargo test --locked --release --test cut -- --nocapture viewers:: heights:: ray_hits::
+	KIMBERLITE_SOAK=1 cargo test --locked --release --test cut -- --nocapture heights:: ray_hits::
+	KIMBERLITE_SOAK=1 cargo test --locked --release --test viewers -- --nocapture
 
 clean:
 	rm -rf target

@@ -57,19 +57,26 @@ static inline kmb_builder_options rough_options(double max_error)
     return options;
 }
 
+/* Builds a raster at `path` and opens it. */
+static inline kmb_repository *built(const kmb_builder_options *options, const double geotransform[6],
+                                    kmb_rows_callback rows, const char *path)
+{
+    kmb_builder *builder = NULL;
+    kmb_repository *repository = NULL;
+    CHECK_STATUS(KMB_OK, kmb_builder_create(options, &builder));
+    CHECK_STATUS(KMB_OK, kmb_builder_set_geotransform(builder, geotransform, KMB_REGISTRATION_POINT, 0));
+    CHECK_STATUS(KMB_OK, kmb_builder_write(builder, rows, NULL, NULL, NULL, path, NULL));
+    kmb_builder_destroy(builder);
+    CHECK_STATUS(KMB_OK, kmb_repository_open(path, NULL, &repository));
+    return repository;
+}
+
 /* Builds rough ground at `path` and opens it; its samples are 10 world units apart. */
 static inline kmb_repository *rough_repository(const char *path)
 {
     const double geotransform[6] = {1000, 10, 0, 5000, 0, -10};
     kmb_builder_options options = rough_options(0);
-    kmb_builder *builder = NULL;
-    kmb_repository *repository = NULL;
-    CHECK_STATUS(KMB_OK, kmb_builder_create(&options, &builder));
-    CHECK_STATUS(KMB_OK, kmb_builder_set_geotransform(builder, geotransform, KMB_REGISTRATION_POINT, 0));
-    CHECK_STATUS(KMB_OK, kmb_builder_write(builder, rough_rows, NULL, NULL, NULL, path, NULL));
-    kmb_builder_destroy(builder);
-    CHECK_STATUS(KMB_OK, kmb_repository_open(path, NULL, &repository));
-    return repository;
+    return built(&options, geotransform, rough_rows, path);
 }
 
 /* Down on the whole of rough ground, or on a part of it for a larger `zoom`; x and y are that of its middle. */

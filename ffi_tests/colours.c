@@ -33,14 +33,7 @@ static kmb_repository *image(const char *path, double west)
     kmb_builder_options options = {.struct_size = sizeof options, .sample_type = KMB_SAMPLE_U8, .width = TEXELS,
                                    .height = ROWS, .bands = 3, .transform = KMB_TRANSFORM_INTERPOLATING,
                                    .cells = 16, .threads = 1};
-    kmb_builder *builder = NULL;
-    kmb_repository *repository = NULL;
-    CHECK_STATUS(KMB_OK, kmb_builder_create(&options, &builder));
-    CHECK_STATUS(KMB_OK, kmb_builder_set_geotransform(builder, geotransform, KMB_REGISTRATION_POINT, 0));
-    CHECK_STATUS(KMB_OK, kmb_builder_write(builder, pixels, NULL, NULL, NULL, path, NULL));
-    kmb_builder_destroy(builder);
-    CHECK_STATUS(KMB_OK, kmb_repository_open(path, NULL, &repository));
-    return repository;
+    return built(&options, geotransform, pixels, path);
 }
 
 /* Whether a place in the world has this colour; those outside have any. */

@@ -1,11 +1,11 @@
 //! Least, greatest and mean height of the finest surface within a polygon.
 
+use super::coarse::half_triangle;
 use super::drawn::DrawnHalf;
 use super::query::{Matrices, Query};
 use super::source::DiamondSource;
 use super::terrain::Terrain;
 use super::trapezoids::{Trapezoid, trapezoids};
-use crate::codec::child_vertices;
 use crate::lattice::Diamond;
 use crate::{Error, Result};
 use std::ops::Range;
@@ -88,7 +88,7 @@ impl Query {
     ) -> Result<()> {
         let terrain = self.terrain().clone();
         let lattice = terrain.lattice();
-        let triangle = half_triangle(&terrain, diamond, half);
+        let triangle = half_triangle(lattice, diamond, half);
         let parts: Vec<&Trapezoid> = parts
             .iter()
             .copied()
@@ -111,29 +111,11 @@ impl Query {
                 }
             }
         }
-        let vertices = match above {
-            Some((above, refined)) => {
-                let matrices = (&refined.vertices, &refined.centres);
-                let from = |parent| (parent == Some(*above)).then_some(matrices);
-                child_vertices(lattice, diamond, lattice.parents(diamond).map(from))
-            }
-            None => terrain.root().clone(),
-        };
+        let vertices = self.vertices_below(diamond, above);
         let drawn = self.drawn(diamond, half, vertices)?;
         sums.add_half(&terrain, &drawn, triangle, &parts);
         Ok(())
     }
-}
-
-/// Corners of a half, in samples.
-fn half_triangle(terrain: &Terrain, diamond: Diamond, half: usize) -> [[f64; 2]; 3] {
-    let lattice = terrain.lattice();
-    let (placement, cells) = (lattice.placement(diamond), lattice.cells());
-    let apex = lattice.apexes(diamond)[half];
-    [(0, 0), (cells, 0), (0, cells)].map(|(p, q)| {
-        let (i, j) = apex.vertex(cells, p, q);
-        placement.vertex(i, j).map(|along| along as f64)
-    })
 }
 
 /// What has been added up, in square samples.

@@ -178,3 +178,23 @@ pub(super) fn matrix_indices(placement: &Placement, at: [f64; 2]) -> [f64; 2] {
         [(dx - dy) / (2.0 * step), (dx + dy) / (2.0 * step)]
     }
 }
+
+/// Corners of a half in samples: the right angle, the end of p and the end of q.
+pub(super) fn half_triangle(lattice: &Lattice, diamond: Diamond, half: usize) -> [[f64; 2]; 3] {
+    let (placement, cells) = (lattice.placement(diamond), lattice.cells());
+    let apex = lattice.apexes(diamond)[half];
+    [(0, 0), (cells, 0), (0, cells)].map(|(p, q)| {
+        let (i, j) = apex.vertex(cells, p, q);
+        placement.vertex(i, j).map(|along| along as f64)
+    })
+}
+
+/// Height over a place of the plane through three corners.
+pub(super) fn on_plane(corners: &[([f64; 2], f64); 3], [i, j]: [f64; 2]) -> f64 {
+    let [(a, height), (b, second), (c, third)] = *corners;
+    let [u, v] = [b, c].map(|corner| [corner[0] - a[0], corner[1] - a[1]]);
+    let (x, y) = (i - a[0], j - a[1]);
+    let area = u[0] * v[1] - u[1] * v[0];
+    let (beta, gamma) = ((x * v[1] - y * v[0]) / area, (u[0] * y - u[1] * x) / area);
+    height + beta * (second - height) + gamma * (third - height)
+}

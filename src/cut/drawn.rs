@@ -1,6 +1,6 @@
 //! What the finest possible cut draws, half by half, with physical heights.
 
-use super::coarse::{CoarseHalf, matrix_indices};
+use super::coarse::{CoarseHalf, matrix_indices, on_plane};
 use super::query::{Height, Query};
 use super::source::DiamondSource;
 use super::terrain::Terrain;
@@ -137,14 +137,8 @@ impl Facet {
 
     /// Height of its plane over a place, in samples.
     pub(super) fn height(&self, at: [f64; 2]) -> Height {
-        let [i, j] = matrix_indices(&self.placement, at);
-        let [(a, first), (b, second), (c, third)] = self.corners;
-        let [u, v] = [b, c].map(|corner| [corner[0] - a[0], corner[1] - a[1]]);
-        let (x, y) = (i - a[0], j - a[1]);
-        let area = u[0] * v[1] - u[1] * v[0];
-        let (beta, gamma) = ((x * v[1] - y * v[0]) / area, (u[0] * y - u[1] * x) / area);
         Height {
-            height: first + beta * (second - first) + gamma * (third - first),
+            height: on_plane(&self.corners, matrix_indices(&self.placement, at)),
             error_bound: self.error_bound,
             level: self.diamond.level(),
         }

@@ -154,14 +154,7 @@ impl Query {
             above = Some((diamond, refined));
             diamond = child;
         }
-        let vertices = match &above {
-            Some((above, refined)) => {
-                let matrices = (&refined.vertices, &refined.centres);
-                let from = |parent| (parent == Some(*above)).then_some(matrices);
-                child_vertices(lattice, diamond, lattice.parents(diamond).map(from))
-            }
-            None => root.clone(),
-        };
+        let vertices = self.vertices_below(diamond, above.as_ref());
         Ok((diamond, half, vertices))
     }
 
@@ -249,6 +242,21 @@ impl Query {
             .each_ref()
             .map(|parent| parent.as_ref().map(|p| (&p.vertices, &p.centres)));
         Ok(child_vertices(lattice, diamond, matrices))
+    }
+
+    /// The vertices of a diamond, of which those that come from one parent, refined, are there; `None` stands for the root's.
+    pub(super) fn vertices_below(
+        &self,
+        diamond: Diamond,
+        above: Option<&(Diamond, Arc<Matrices>)>,
+    ) -> Matrix {
+        let lattice = self.terrain.lattice();
+        let Some((above, refined)) = above else {
+            return self.terrain.root().clone();
+        };
+        let matrices = (&refined.vertices, &refined.centres);
+        let from = |parent| (parent == Some(*above)).then_some(matrices);
+        child_vertices(lattice, diamond, lattice.parents(diamond).map(from))
     }
 
     /// Keeps the byte limit.

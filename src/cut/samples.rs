@@ -1,7 +1,8 @@
 //! What a cut's diamonds consist of: heights, and colours if it has any.
 
 use super::DiamondSource;
-use super::colours::{Colours, RefinedTexels, Texels};
+use super::beyond::{Beyond, Detail};
+use super::colours::{Colouring, Colours, RefinedTexels, Texels};
 use crate::Result;
 use crate::codec::{Matrix, Refined};
 use crate::lattice::{Diamond, Lattice, gather_half, reflect_absent_half};
@@ -30,13 +31,29 @@ pub(super) struct Finer {
 }
 
 impl Ground {
-    pub fn new(heights: Arc<dyn DiamondSource>, colours: Option<Arc<Colours>>) -> Ground {
-        let side = heights.lattice().cells() + 1;
-        Ground {
-            heights,
-            colours,
+    /// Heights and colours, as deep as both of them and the detail.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Beyond::new`] and [`Colours::new`].
+    pub fn of(
+        source: Arc<dyn DiamondSource>,
+        colouring: Option<&Colouring>,
+        detail: Detail,
+    ) -> Result<Ground> {
+        let own = source.lattice().levels();
+        let finest = colouring.map_or(0, |colouring| colouring.layer.lattice().levels());
+        let levels = detail.levels.max(finest.saturating_sub(own));
+        let colours = colouring.map(|colouring| Colours::new(colouring, &*source, own + levels));
+        let side = source.lattice().cells() + 1;
+        Ok(Ground {
+            colours: colours.transpose()?.map(Arc::new),
+            heights: match levels {
+                0 => source,
+                _ => Arc::new(Beyond::new(source, Detail { levels, ..detail })?),
+            },
             all_valid: vec![1; side * side].into(),
-        }
+        })
     }
 
     pub fn root(&self) -> Samples {

@@ -17,7 +17,7 @@ const SHARE: u64 = 8;
 pub(super) struct Supply {
     ground: Ground,
     /// None where the cut decodes for itself.
-    workers: Option<Workers<Diamond, Samples, Detail>>,
+    workers: Option<Workers<Diamond, Samples, Answer>>,
     threads: u64,
     /// Bytes of a diamond on its way.
     each: u64,
@@ -30,18 +30,18 @@ pub(super) struct Supply {
     wanted: Vec<Wanted>,
     /// The same of what may be needed in later updates.
     wanted_later: Vec<Wanted>,
-    answers: Vec<(Diamond, Detail)>,
+    answers: Vec<(Diamond, Answer)>,
     updates: u64,
 }
 
 type Wanted = Ranked<(Reverse<u32>, Diamond)>;
 
 /// A diamond on its own level and on the next.
-pub(super) type Detail = (Samples, Result<Finer>);
+pub(super) type Answer = (Samples, Result<Finer>);
 
 /// An answer that is not used yet.
 pub(super) struct Ready {
-    pub detail: Detail,
+    pub detail: Answer,
     /// The update in which it came or was looked for last.
     looked_for: u64,
 }

@@ -2,9 +2,9 @@
 
 mod requests;
 
-use super::beyond::{Beyond, Detail};
+use super::beyond::Detail;
 use super::changes::Changes;
-use super::colours::{Colouring, Colours};
+use super::colours::Colouring;
 use super::foresight::Impasse;
 use super::graph::Graph;
 use super::patch::{GridToWorld, Patch, PatchMaker, VertexForm};
@@ -165,7 +165,7 @@ impl Cut {
     /// [`Error::Argument`](crate::Error::Argument) for options that cannot be; [`Error::Io`](crate::Error::Io) where the
     /// system starts no more threads.
     pub fn new(source: Arc<dyn DiamondSource>, options: CutOptions) -> crate::Result<Cut> {
-        let ground = ground(source, &options)?;
+        let ground = Ground::of(source, options.colours.as_ref(), options.detail)?;
         let colours = ground.colours.as_ref();
         let scale = Scale {
             metric: options.metric,
@@ -569,24 +569,4 @@ fn squared_distance(eye: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> f64 {
         beyond * beyond
     };
     axis(0) + axis(1) + axis(2)
-}
-
-/// The heights and colours of a cut, as deep as both of them and its detail.
-fn ground(source: Arc<dyn DiamondSource>, options: &CutOptions) -> crate::Result<Ground> {
-    let own = source.lattice().levels();
-    let colours = options.colours.as_ref();
-    let finest = colours.map_or(0, |colours| colours.layer.lattice().levels());
-    let levels = options.detail.levels.max(finest.saturating_sub(own));
-    let colours = colours.map(|colouring| Colours::new(colouring, &*source, own + levels));
-    let heights: Arc<dyn DiamondSource> = match levels {
-        0 => source,
-        _ => Arc::new(Beyond::new(
-            source,
-            Detail {
-                levels,
-                ..options.detail
-            },
-        )?),
-    };
-    Ok(Ground::new(heights, colours.transpose()?.map(Arc::new)))
 }

@@ -143,7 +143,7 @@ pub(super) unsafe fn run_exclusive<T: Handle>(
     break_on_panic(unsafe { &*handle }.broken(), status)
 }
 
-fn usable<T: Handle>(handle: &T) -> Result<&T, Failure> {
+pub(super) fn usable<T: Handle>(handle: &T) -> Result<&T, Failure> {
     if handle.broken().load(Ordering::Relaxed) {
         let message = format!("the {} is unusable after an internal error", T::NAME);
         return Err(Failure::new(kmb_status::KMB_PANIC, message));

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::boundary::{
-    Failure, Handle, SizedStruct, boundary, input_struct, output, output_struct, required,
+    Failure, Handle, SizedStruct, boundary, input_struct, output, output_struct, required, usable,
 };
 use super::patch::kmb_patch;
 use super::query::KMB_UNLIMITED;
@@ -278,6 +278,7 @@ fn chosen_colours(options: &kmb_cut_options) -> Result<Option<Colouring>, Failur
     }
     // SAFETY: the caller passes a repository that lives.
     let repository = unsafe { required(options.colours, "colours") }?;
+    usable(repository)?;
     Ok(Some(Colouring {
         layer: repository.layer.clone(),
         form,

@@ -1,9 +1,9 @@
 //! Statistics of polygons against their surface, triangle by triangle.
 
 use crate::profiles::{ground, lossless};
-use crate::repositories::{repaired_repository, repository};
 use crate::scenes::*;
 use crate::support::memory::MemorySource;
+use crate::support::repositories::{repaired_repository, repository};
 use crate::surface::{Corner, Ground};
 use kimberlite::build::BuildOptions;
 use kimberlite::cut::{AreaStatistics, DiamondSource, Query, Terrain};

@@ -19,4 +19,3 @@ mod scenes;
 mod support;
 mod surface;
 mod threads;
-mod viewers;

@@ -1,8 +1,8 @@
 //! Profiles along lines against the surface that they cross.
 
-use crate::repositories::{repaired_repository, repository};
 use crate::scenes::*;
 use crate::support::memory::MemorySource;
+use crate::support::repositories::{repaired_repository, repository};
 use crate::surface::Ground;
 use kimberlite::build::BuildOptions;
 use kimberlite::cut::{DiamondSource, ProfilePlace, Query, Terrain};

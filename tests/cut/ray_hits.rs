@@ -1,8 +1,8 @@
 //! Hits of rays against those of every triangle of the raster, by another formula.
 
-use crate::repositories::repository;
 use crate::scenes::*;
 use crate::support::memory::MemorySource;
+use crate::support::repositories::repository;
 use kimberlite::build::BuildOptions;
 use kimberlite::cut::{DiamondSource, Query, Ray};
 use kimberlite::lattice::Lattice;

@@ -1,8 +1,8 @@
 //! Rays and lines of sight against the surface that heights are read from.
 
-use crate::repositories::{repaired_repository, repository};
 use crate::scenes::*;
 use crate::support::memory::MemorySource;
+use crate::support::repositories::{repaired_repository, repository};
 use kimberlite::build::BuildOptions;
 use kimberlite::cut::{DiamondSource, Query, Ray};
 use proptest::prelude::*;

@@ -4,3 +4,4 @@
 
 pub mod camera;
 pub mod memory;
+pub mod repositories;

@@ -1,14 +1,19 @@
-//! Several viewers at once on one repository.
+//! Several viewers at once on one repository. Alone in its process, because the memory that is counted is the process's.
 
-use crate::repositories::build_at;
-use crate::scenes::*;
-use crate::support::memory::MemorySource;
+#[allow(dead_code)]
+#[path = "cut/scenes.rs"]
+mod scenes;
+mod support;
+
 use kimberlite::build::BuildOptions;
 use kimberlite::cut::{Cut, CutOptions, Layer, Terrain};
 use kimberlite::schedule::Budget;
 use kimberlite::store::Access;
+use scenes::*;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use support::memory::MemorySource;
+use support::repositories::build_at;
 
 const SHARED: u64 = 4 << 20;
 
