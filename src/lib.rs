@@ -6,7 +6,7 @@
 //! | floor | rooms |
 //! |---|---|
 //! | 4 | [`ffi`] the C boundary, and the command line `kmb` |
-//! | 3 | [`tool`] whole repositories, [`build`] rasters to repositories, [`cut`] views and queries |
+//! | 3 | [`tool`] whole repositories, [`build`] rasters to repositories, [`cut`] views and queries, [`blockmap`] cities |
 //! | 2 | [`codec`] one matrix, [`schedule`] budgets and priorities, [`store`] the packed file |
 //! | 1 | [`transform`] prediction on one diamond, [`entropy`] bits |
 //! | 0 | [`lattice`] diamonds and patches, [`geo`] rasters and frames |
@@ -14,6 +14,7 @@
 #![warn(missing_docs)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used))]
 
+pub mod blockmap;
 pub mod build;
 pub mod codec;
 pub mod cut;

@@ -9,11 +9,11 @@ const FLOORS: [&[&str]; 5] = [
     &["lattice", "geo"],
     &["transform", "entropy"],
     &["codec", "schedule", "store"],
-    &["tool", "build", "cut"],
+    &["tool", "build", "cut", "blockmap"],
     &["ffi"],
 ];
 /// Whom `tool` may use on its own floor.
-const SHOWN_TO_TOOL: [&str; 2] = ["build", "cut"];
+const SHOWN_TO_TOOL: [&str; 3] = ["build", "cut", "blockmap"];
 
 /// A file of `src`, without comments.
 struct Source {
