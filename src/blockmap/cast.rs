@@ -89,7 +89,8 @@ impl<'a> Caster<'a> {
             let texels = (0..half * half).map(|index| {
                 let first = 2 * (index / half) * side + 2 * (index % half);
                 let four = [first, first + 1, first + side, first + side + 1];
-                four.iter().fold(f32::NEG_INFINITY, |most, &at| most.max(finer[at]))
+                four.iter()
+                    .fold(f32::NEG_INFINITY, |most, &at| most.max(finer[at]))
             });
             levels.push(texels.collect());
             side = half;
@@ -181,7 +182,11 @@ impl<'a> Caster<'a> {
             let along = ((at - map.corner[axis]) * per_metre) as f32;
             let forward = (ray.direction[axis] * per_metre) as f32;
             is_mirrored[axis] = forward < 0.0;
-            let along = if is_mirrored[axis] { side - along } else { along };
+            let along = if is_mirrored[axis] {
+                side - along
+            } else {
+                along
+            };
             origin[axis] = along.clamp(0.0, side);
             direction[axis] = forward.abs();
         }
@@ -269,13 +274,7 @@ impl<'a> Caster<'a> {
     }
 
     /// Whether the side of a texel that was met belongs to a wall.
-    fn is_steep(
-        &self,
-        walk: &Walk,
-        texel: [u32; 2],
-        top: f32,
-        entered: Option<usize>,
-    ) -> bool {
+    fn is_steep(&self, walk: &Walk, texel: [u32; 2], top: f32, entered: Option<usize>) -> bool {
         let Some(axis) = entered else {
             return walk.entry == Entry::Side;
         };
@@ -341,7 +340,11 @@ impl Walk {
         let along = self.origin[other] + distance * self.direction[other];
         let is_past = |texel: u32| {
             let crossing = self.crossing(other, texel + 1);
-            if axis == 0 { crossing < distance } else { crossing <= distance }
+            if axis == 0 {
+                crossing < distance
+            } else {
+                crossing <= distance
+            }
         };
         let mut texel = (along as u32).clamp(low, high);
         while texel < high && is_past(texel) {

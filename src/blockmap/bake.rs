@@ -1,0 +1,319 @@
+//! A BlockMap out of triangles (thesis, ch. 4.3.2; cityscapes paper, 5): heights and roofs from above, walls from all around.
+
+use super::cast::{Caster, Ray};
+use super::columns::{self, Exposed};
+use super::layout::{BlockMap, direction_byte};
+use super::orthographic::{Orthographic, hemisphere};
+use super::raster::{NOTHING, Seen};
+use super::scene::Scene;
+use super::surroundings::{Grid, Local, local};
+use super::walls::Walls;
+use crate::Result;
+use glam::{Mat4, Vec3};
+
+/// Samples of a texel along one side, from above. An odd number has one in its middle.
+const SAMPLES: usize = 3;
+/// A surface less upright than this is a roof: the z of its unit normal.
+const ROOF_NORMAL: f32 = 0.7;
+/// Texels by which prisms may be off what they stand for.
+const TOLERANCE: f32 = 2.5;
+
+/// How blocks are baked.
+#[derive(Clone, Copy, Debug)]
+pub struct BakeOptions {
+    /// Texels along a block: 32, 64 or 128.
+    pub side_texels: usize,
+    /// Views of a block, evenly over the upper hemisphere.
+    pub views: usize,
+    /// Pixels along a view.
+    pub view_pixels: usize,
+    /// Whether heights have 16 bits, not 8.
+    pub has_16_bits: bool,
+    /// Steps higher than this, in metres, are walls.
+    pub exposure: f32,
+}
+
+impl Default for BakeOptions {
+    fn default() -> BakeOptions {
+        BakeOptions {
+            side_texels: 128,
+            views: 64,
+            view_pixels: 256,
+            has_16_bits: false,
+            exposure: 1.5,
+        }
+    }
+}
+
+/// What the city stands on.
+pub struct Ground<'a> {
+    /// Its height at a place, in metres.
+    pub height: &'a (dyn Fn([f64; 2]) -> f64 + Sync),
+    /// Its colour.
+    pub colour: [u8; 3],
+}
+
+/// What could not be kept in a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BakeReport {
+    /// Texels of walls.
+    pub wall_texels: u64,
+    /// Of these, those without a column of their own: they share another's.
+    pub unassigned_wall_texels: u64,
+    /// Pixels of all views that see the block's triangles.
+    pub seen_pixels: u64,
+    /// Of these, those whose surface lies more than 2.5 texels behind the prisms: under bridges and overhangs.
+    pub hidden_pixels: u64,
+}
+
+impl BakeReport {
+    /// Adds another block's.
+    pub fn add(&mut self, other: &BakeReport) {
+        self.wall_texels += other.wall_texels;
+        self.unassigned_wall_texels += other.unassigned_wall_texels;
+        self.seen_pixels += other.seen_pixels;
+        self.hidden_pixels += other.hidden_pixels;
+    }
+}
+
+/// One block in the making. Places are relative to `middle`.
+struct Bake<'a> {
+    scene: &'a Scene,
+    options: &'a BakeOptions,
+    ground: &'a Ground<'a>,
+    middle: [f64; 3],
+    triangles: Vec<Local>,
+    map: BlockMap,
+    /// With one texel more on each side.
+    outer_heights: Vec<f32>,
+}
+
+/// Bakes the square block at `corner` with edges of `side` metres. Triangles within a side's length around it shade it.
+///
+/// # Errors
+///
+/// Those of [`BlockMap::new`].
+pub fn bake(
+    scene: &Scene,
+    grid: &Grid,
+    ground: &Ground,
+    (corner, side): ([f64; 2], f64),
+    options: &BakeOptions,
+) -> Result<(BlockMap, BakeReport)> {
+    let [low, high] = [corner.map(|at| at - side), corner.map(|at| at + 2.0 * side)];
+    let numbers = grid.touching(scene, low, high);
+    let [x, y] = corner.map(|at| at + 0.5 * side);
+    let middle = [x, y, (ground.height)([x, y]).floor()];
+    let mut map = BlockMap::new(options.side_texels, corner, side)?;
+    map.exposure = options.exposure;
+    map.roof_slope = options.exposure / map.texel() as f32;
+    let mut bake = Bake {
+        scene,
+        options,
+        ground,
+        middle,
+        triangles: local(scene, &numbers, middle),
+        map,
+        outer_heights: Vec::new(),
+    };
+    bake.paint_from_above();
+    let mut exposed = columns::exposed(&bake.map, &bake.outer_heights);
+    let mut report = BakeReport {
+        wall_texels: exposed.len() as u64,
+        unassigned_wall_texels: columns::assign(&mut bake.map, &mut exposed) as u64,
+        ..BakeReport::default()
+    };
+    bake.paint_from_around(&exposed, &mut report);
+    Ok((bake.map, report))
+}
+
+impl Bake<'_> {
+    fn half(&self) -> f32 {
+        0.5 * self.map.side as f32
+    }
+
+    fn texel(&self) -> f32 {
+        self.map.texel() as f32
+    }
+
+    /// Middle of a texel, which may lie one outside.
+    fn place(&self, column: i32, row: i32) -> [f32; 2] {
+        [column, row].map(|along| (along as f32 + 0.5) * self.texel() - self.half())
+    }
+
+    fn ground_at(&self, [x, y]: [f32; 2]) -> f32 {
+        let place = [self.middle[0] + f64::from(x), self.middle[1] + f64::from(y)];
+        ((self.ground.height)(place) - self.middle[2]) as f32
+    }
+
+    /// Heights, roof normals and roof colours. A height is that of the texel's middle; colours are those of all samples that
+    /// belong to the same roof.
+    fn paint_from_above(&mut self) {
+        let side = self.map.side_texels;
+        let outer = side + 2;
+        let reach = self.half() + self.texel();
+        let size = outer * SAMPLES;
+        let mut seen = Seen::new([size, size], false);
+        let above = Mat4::from_scale(Vec3::new(1.0 / reach, 1.0 / reach, -1.0));
+        for (number, triangle) in self.triangles.iter().enumerate() {
+            seen.draw(&above, &triangle.corners, number as u32);
+        }
+        let ground: Vec<f32> = (0..outer * outer)
+            .map(|index| {
+                let [column, row] = [index % outer, index / outer].map(|along| along as i32 - 1);
+                self.ground_at(self.place(column, row))
+            })
+            .collect();
+        let middle = |along: usize| along * SAMPLES + SAMPLES / 2;
+        let base = self.middle[2] as f32;
+        self.outer_heights = (0..outer * outer)
+            .map(|index| {
+                let top = seen.nearness(middle(index % outer), middle(index / outer));
+                base + top.max(ground[index])
+            })
+            .collect();
+        let heights: Vec<f32> = (0..side * side)
+            .map(|index| self.outer_heights[(index / side + 1) * outer + index % side + 1])
+            .collect();
+        self.map.set_heights(&heights, self.options.has_16_bits);
+        for row in 0..side {
+            for column in 0..side {
+                let index = (row + 1) * outer + column + 1;
+                let (colour, normal) = self.roof(&seen, [column, row], index, &ground);
+                let [height, wall, _, _] = self.map.at(column, row);
+                let [x, y] = [normal.x, normal.y].map(direction_byte);
+                self.map.set(column, row, [height, wall, x, y]);
+                self.map.set(
+                    side + column,
+                    row,
+                    [colour[0], colour[1], colour[2], u8::MAX],
+                );
+            }
+        }
+    }
+
+    /// Mean colour and normal of a texel's roof.
+    fn roof(
+        &self,
+        seen: &Seen,
+        [column, row]: [usize; 2],
+        index: usize,
+        ground: &[f32],
+    ) -> ([u8; 3], Vec3) {
+        let top = self.outer_heights[index] - self.middle[2] as f32;
+        let (mut colour, mut normal, mut count) = (Vec3::ZERO, Vec3::ZERO, 0.0);
+        let reach = self.half() + self.texel();
+        for sample in 0..SAMPLES * SAMPLES {
+            let pixel = [
+                (column + 1) * SAMPLES + sample % SAMPLES,
+                (row + 1) * SAMPLES + sample / SAMPLES,
+            ];
+            let height = seen.nearness(pixel[0], pixel[1]);
+            let is_ground = height <= ground[index];
+            if (height.max(ground[index]) - top).abs() > self.options.exposure {
+                continue;
+            }
+            count += 1.0;
+            if is_ground {
+                colour += Vec3::from(self.ground.colour.map(f32::from));
+                normal += self.ground_normal(ground, index);
+                continue;
+            }
+            let triangle = &self.triangles[seen.triangle(pixel[0], pixel[1]) as usize];
+            let size = self.texel() / SAMPLES as f32;
+            let [x, y] = pixel.map(|along| (along as f32 + 0.5) * size - reach);
+            let weights = triangle.meet(Vec3::new(x, y, height), Vec3::NEG_Z);
+            let weights = weights.map_or([1.0, 0.0, 0.0], |(_, weights)| weights);
+            let paint = &self.scene.triangles[triangle.number as usize].paint;
+            colour += Vec3::from(self.scene.colour(paint, weights));
+            normal += triangle.normal * triangle.normal.z.signum();
+        }
+        let colour = (colour / count).to_array().map(|band| band.round() as u8);
+        (colour, normal.try_normalize().unwrap_or(Vec3::Z))
+    }
+
+    fn ground_normal(&self, ground: &[f32], index: usize) -> Vec3 {
+        let outer = self.map.side_texels + 2;
+        let run = 2.0 * self.texel();
+        let across = (ground[index + 1] - ground[index - 1]) / run;
+        let along = (ground[index + outer] - ground[index - outer]) / run;
+        Vec3::new(-across, -along, 1.0).normalize()
+    }
+
+    /// Walls, and the ambient occlusion of all.
+    fn paint_from_around(&mut self, exposed: &[Exposed], report: &mut BakeReport) {
+        let mut walls = Walls::new(&self.map, exposed, self.middle);
+        let caster = Caster::new(&self.map, f64::from(self.map.heights[0]));
+        let size = self.options.view_pixels;
+        let mut seen = Seen::new([size, size], false);
+        let (half, base) = (self.half(), self.middle[2] as f32);
+        let [low, high] = self.map.heights.map(|height| height - base);
+        let low = Vec3::new(-half, -half, low);
+        let high = Vec3::new(half, half, high);
+        for towards in hemisphere(self.options.views) {
+            let view = Orthographic::new(towards, low, high);
+            seen.clear();
+            let to_clip = view.to_clip();
+            for (number, triangle) in self.triangles.iter().enumerate() {
+                seen.draw(&to_clip, &triangle.corners, number as u32);
+            }
+            if !exposed.is_empty() {
+                self.scatter(&view, &seen, &caster, &mut walls, report);
+            }
+            walls.shade(&view, &seen, size, TOLERANCE * self.texel());
+        }
+        walls.finish(&mut self.map, exposed);
+    }
+
+    /// Adds the colours of a view where the BlockMap shows walls.
+    fn scatter(
+        &self,
+        view: &Orthographic,
+        seen: &Seen,
+        caster: &Caster,
+        walls: &mut Walls,
+        report: &mut BakeReport,
+    ) {
+        let (size, half) = (self.options.view_pixels, self.half());
+        let tolerance = TOLERANCE * self.texel();
+        let direction = -view.towards;
+        for row in 0..size {
+            for column in 0..size {
+                let number = seen.triangle(column, row);
+                if number == NOTHING {
+                    continue;
+                }
+                let triangle = &self.triangles[number as usize];
+                let eye = view.eye([column, row], size);
+                let distance = eye.dot(view.towards) - seen.nearness(column, row);
+                let place = eye + direction * distance;
+                if place.x.abs() > half || place.y.abs() > half {
+                    continue;
+                }
+                report.seen_pixels += 1;
+                if triangle.normal.z.abs() > ROOF_NORMAL {
+                    continue;
+                }
+                let origin = eye.to_array();
+                let ray = Ray {
+                    origin: [0, 1, 2].map(|axis| self.middle[axis] + f64::from(origin[axis])),
+                    direction: direction.to_array().map(f64::from),
+                };
+                let Some(hit) = caster.fast(&ray) else {
+                    continue;
+                };
+                let behind = distance - hit.distance as f32;
+                report.hidden_pixels += u64::from(behind > tolerance);
+                if !hit.is_wall || behind.abs() > tolerance {
+                    continue;
+                }
+                let weights = triangle.meet(eye, direction);
+                let weights = weights.map_or([1.0, 0.0, 0.0], |(_, weights)| weights);
+                let paint = &self.scene.triangles[triangle.number as usize].paint;
+                let colour = Vec3::from(self.scene.colour(paint, weights));
+                let facing = triangle.normal * triangle.normal.dot(view.towards).signum();
+                walls.add(&self.map, &hit, colour, facing);
+            }
+        }
+    }
+}
