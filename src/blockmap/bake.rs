@@ -270,7 +270,7 @@ impl Bake<'_> {
         &self,
         view: &Orthographic,
         seen: &Seen,
-        caster: &Caster,
+        caster: &Caster<&BlockMap>,
         walls: &mut Walls,
         report: &mut BakeReport,
     ) {

@@ -5,6 +5,7 @@
 //! whose highest prism lies below the ray.
 
 use super::layout::BlockMap;
+use std::ops::Deref;
 
 /// A half line in metres.
 #[derive(Clone, Copy, Debug)]
@@ -40,8 +41,8 @@ pub struct Surface {
 }
 
 /// A BlockMap made ready for rays.
-pub struct Caster<'a> {
-    map: &'a BlockMap,
+pub struct Caster<M> {
+    map: M,
     /// Down to where the prisms reach.
     floor: f64,
     /// Heights row by row; of squares of 2^level texels the greatest, level by level.
@@ -52,8 +53,10 @@ pub struct Caster<'a> {
 
 /// How a ray comes into the block.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Entry {
+pub enum Entry {
+    /// Through a side.
     Side,
+    /// From above, or it starts inside.
     Above,
 }
 
@@ -78,9 +81,9 @@ struct Met {
     is_wall: bool,
 }
 
-impl<'a> Caster<'a> {
+impl<M: Deref<Target = BlockMap>> Caster<M> {
     /// For rays against a block whose prisms reach down to `floor`, in metres.
-    pub fn new(map: &'a BlockMap, floor: f64) -> Caster<'a> {
+    pub fn new(map: M, floor: f64) -> Caster<M> {
         let mut levels = vec![map.height_field()];
         let mut side = map.side_texels;
         while side > 1 {
@@ -96,10 +99,10 @@ impl<'a> Caster<'a> {
             side = half;
         }
         Caster {
-            map,
             floor,
             levels,
             step: map.roof_slope * map.texel() as f32,
+            map,
         }
     }
 
@@ -117,9 +120,22 @@ impl<'a> Caster<'a> {
         Some(self.told(&walk, start, met))
     }
 
+    /// The nearest hit in a quarter of the block: 0 south-west, 1 south-east, 2 north-west, 3 north-east.
+    pub fn fast_in_quarter(&self, ray: &Ray, quarter: u32) -> Option<Hit> {
+        let side = 0.5 * self.map.side;
+        let [east, north] = [quarter & 1, quarter >> 1].map(f64::from);
+        let corner = [
+            self.map.corner[0] + east * side,
+            self.map.corner[1] + north * side,
+        ];
+        let (walk, start) = self.enter_square(ray, corner, side)?;
+        let met = self.leap(&walk)?;
+        Some(self.told(&walk, start, met))
+    }
+
     /// What is at a hit.
     pub fn surface(&self, hit: &Hit) -> Surface {
-        let map = self.map;
+        let map = &*self.map;
         let [column, row] = hit.texel.map(usize::from);
         let wall = map.wall_column(column, row);
         let (texel, normal) = if hit.is_wall {
@@ -138,38 +154,17 @@ impl<'a> Caster<'a> {
 
     /// Where the ray is inside the block, and its distance there; `None` if it never is.
     fn enter(&self, ray: &Ray) -> Option<(Walk, f64)> {
-        let map = self.map;
-        let top = f64::from(self.map.heights[1]);
-        let (mut start, mut end, mut entry) = (0.0f64, f64::INFINITY, Entry::Above);
-        for axis in 0..3 {
-            let (low, high) = match axis {
-                2 => (self.floor, top.max(self.floor)),
-                _ => (map.corner[axis], map.corner[axis] + map.side),
-            };
-            let (origin, direction) = (ray.origin[axis], ray.direction[axis]);
-            if direction == 0.0 {
-                if !(low..=high).contains(&origin) {
-                    return None;
-                }
-                continue;
-            }
-            let one = (low - origin) / direction;
-            let other = (high - origin) / direction;
-            let near = one.min(other);
-            if near > start {
-                start = near;
-                entry = if axis == 2 { Entry::Above } else { Entry::Side };
-            }
-            end = end.min(one.max(other));
-        }
-        if !(start <= end) || !end.is_finite() {
-            return None;
-        }
+        self.enter_square(ray, self.map.corner, self.map.side)
+    }
+
+    fn enter_square(&self, ray: &Ray, corner: [f64; 2], side: f64) -> Option<(Walk, f64)> {
+        let top = f64::from(self.map.heights[1]).max(self.floor);
+        let ([start, end], entry) = span(ray, corner, side, [self.floor, top])?;
         Some((self.walk_from(ray, start, end, entry), start))
     }
 
     fn walk_from(&self, ray: &Ray, start: f64, end: f64, entry: Entry) -> Walk {
-        let (map, side) = (self.map, self.map.side_texels as f32);
+        let (map, side) = (&*self.map, self.map.side_texels as f32);
         let per_metre = map.side_texels as f64 / map.side;
         let (mut origin, mut direction) = ([0.0f32; 3], [0.0f32; 3]);
         let mut is_mirrored = [false; 2];
@@ -313,6 +308,39 @@ impl<'a> Caster<'a> {
             level = (level + 1).min(top_level);
         }
     }
+}
+
+/// From where to where a ray is in a box over a square, in lengths of its direction, and how it comes in; `None` if it never is.
+/// Boxes that touch agree bit for bit on where the ray passes from one to the other.
+pub fn span(
+    ray: &Ray,
+    corner: [f64; 2],
+    side: f64,
+    heights: [f64; 2],
+) -> Option<([f64; 2], Entry)> {
+    let (mut start, mut end, mut entry) = (0.0f64, f64::INFINITY, Entry::Above);
+    for axis in 0..3 {
+        let [low, high] = match axis {
+            2 => heights,
+            _ => [corner[axis], corner[axis] + side],
+        };
+        let (origin, direction) = (ray.origin[axis], ray.direction[axis]);
+        if direction == 0.0 {
+            if !(low..=high).contains(&origin) {
+                return None;
+            }
+            continue;
+        }
+        let one = (low - origin) / direction;
+        let other = (high - origin) / direction;
+        let near = one.min(other);
+        if near > start {
+            start = near;
+            entry = if axis == 2 { Entry::Above } else { Entry::Side };
+        }
+        end = end.min(one.max(other));
+    }
+    (start <= end && end.is_finite()).then_some(([start, end], entry))
 }
 
 impl Walk {

@@ -2,18 +2,33 @@
 
 mod bake;
 mod cast;
+mod city;
+mod codec;
 mod columns;
+mod construct;
 pub mod facade;
 mod layout;
+mod merge;
 mod orthographic;
 mod raster;
+mod rays;
 mod scene;
+mod sight;
 pub mod source;
 mod surroundings;
+mod tree;
+mod visit;
 mod walls;
 
 pub use bake::{BakeOptions, BakeReport, Ground, bake};
 pub use cast::{Caster, Hit, Ray, Surface};
+pub use city::City;
+pub use codec::{decode, encode};
+pub use construct::{CityOptions, CityReport, build_city};
 pub use layout::{BlockMap, WALL_COLUMNS, direction, direction_byte, image_bytes};
+pub use merge::{NodeError, merge};
+pub use rays::{CityHit, CityRays};
 pub use scene::{Paint, Scene, Texture, Triangle};
 pub use surroundings::Grid;
+pub use tree::{Node, Tree};
+pub use visit::{ALL_QUARTERS, Drawn, Visit, VisitStats};

@@ -9,7 +9,6 @@ use super::plane::Plane;
 use super::rms::greatest_bound;
 use super::source::RasterSource;
 use super::summaries::summarise;
-use super::workers::thread_count;
 use super::working_store::{Identity, WorkingStore};
 use super::workspace::{Workspace, folder_of};
 use crate::codec::{
@@ -17,6 +16,7 @@ use crate::codec::{
 };
 use crate::geo::RasterInfo;
 use crate::lattice::Lattice;
+use crate::schedule::thread_count;
 use crate::store::{DomainKind, EntropyKind, FileSink, Header, Kind, Sink, TransformKind, Writer};
 use crate::transform::ListedHeights;
 use crate::{Error, Result};

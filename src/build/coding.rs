@@ -4,12 +4,12 @@
 use super::descent::{Descent, Input};
 use super::levels::Levels;
 use super::plane::Plane;
-use super::workers::{map_in_order, map_taken};
 use super::workspace::{Records, Workspace};
 use crate::codec::{
     BlockCodec, Census, Draft, Fit, LevelModel, MatrixModel, Model, ROUNDS, Refined, RootCodec,
     Trace, Trainer, Units,
 };
+use crate::schedule::{map_in_order, map_taken};
 
 use crate::transform::adaptive::Weights;
 use crate::transform::{LONGEST_LIST, ListedHeights, TransformKind};

@@ -1,10 +1,10 @@
 //! From the root to the leaf level, each diamond going on from what the decoder returns.
 
 use super::levels::Levels;
-use super::workers::map_in_order;
 use super::workspace::{Records, Workspace};
 use crate::codec::{Matrix, MatrixView, Outline, Refined, RootCodec, child_vertices};
 use crate::lattice::Diamond;
+use crate::schedule::map_in_order;
 use crate::transform::Target;
 use crate::{Error, Result};
 use std::collections::HashMap;

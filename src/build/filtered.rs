@@ -2,9 +2,9 @@
 
 use super::levels::Mask;
 use super::plane::{Plane, is_void};
-use super::workers::map_in_order;
 use crate::codec::{Components, Outline};
 use crate::lattice::{Diamond, Lattice, reflect_absent_half};
+use crate::schedule::map_in_order;
 use crate::transform::{Transform, Validity};
 use crate::{Error, Result};
 

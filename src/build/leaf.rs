@@ -3,10 +3,10 @@
 use super::descent::Descent;
 use super::diagonals::Diagonals;
 use super::plane::{Scratch, is_void};
-use super::workers::map_in_order;
 use crate::Result;
 use crate::codec::{Components, Matrix};
 use crate::lattice::{Diamond, Lattice, centre_runs};
+use crate::schedule::map_in_order;
 use crate::vectors::widened;
 use std::cell::OnceCell;
 

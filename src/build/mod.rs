@@ -18,7 +18,6 @@ mod triangles;
 #[cfg(target_arch = "x86_64")]
 mod triangles_avx2;
 mod update;
-mod workers;
 mod working_store;
 mod workspace;
 

@@ -1,10 +1,10 @@
 //! The whole raster, in memory or in a temporary file.
 
 use super::source::RasterSource;
-use super::workers::map_taken;
 use super::workspace::{Spill, Workspace};
 use crate::geo::{RasterInfo, SampleType};
 use crate::lattice::CentreRun;
+use crate::schedule::map_taken;
 use crate::vectors::widened;
 use crate::{Error, Result};
 

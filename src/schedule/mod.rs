@@ -3,12 +3,14 @@
 mod budget;
 mod deadline;
 mod handover;
+mod parallel;
 mod ranked;
 mod workers;
 
 pub use budget::Budget;
 pub use deadline::Deadline;
 pub use handover::Handover;
+pub use parallel::{map_in_order, map_taken, thread_count};
 pub use ranked::Ranked;
 pub use workers::Workers;
 

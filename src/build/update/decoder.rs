@@ -3,9 +3,9 @@
 use super::Predecessor;
 use super::changes::Changes;
 use crate::build::leaf::Tile;
-use crate::build::workers::map_in_order;
 use crate::codec::{Matrix, Outline, Refined, child_vertices};
 use crate::lattice::Diamond;
+use crate::schedule::map_in_order;
 use crate::{Error, Result};
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -10,9 +10,9 @@ mod survey;
 
 use self::changes::Changes;
 use self::decoder::Decoder;
-use super::workers::thread_count;
 use crate::codec::{BlockCodec, Matrix, RangeCode, Units};
 use crate::lattice::Lattice;
+use crate::schedule::thread_count;
 use crate::store::{Header, Kind, Sink, Store, TransformKind, Writer};
 use crate::{Error, Result};
 use std::path::Path;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 /// Threads for `requested`, where 0 means all that the machine has.
-pub(super) fn thread_count(requested: usize) -> usize {
+pub fn thread_count(requested: usize) -> usize {
     let available = || std::thread::available_parallelism().map_or(1, |count| count.get());
     if requested == 0 {
         available()
@@ -16,7 +16,7 @@ pub(super) fn thread_count(requested: usize) -> usize {
 
 /// Applies `work` to every index below `count` on `threads` threads and hands the results, in the order
 /// of their indices, to `consume` on this thread. Stops at its first error. One thread is this one.
-pub(super) fn map_in_order<R: Send, E>(
+pub fn map_in_order<R: Send, E>(
     threads: usize,
     count: usize,
     work: impl Fn(usize) -> R + Sync,
@@ -31,7 +31,7 @@ pub(super) fn map_in_order<R: Send, E>(
 }
 
 /// As [`map_in_order`], for what `items` gives, which one thread at a time asks for the next.
-pub(super) fn map_taken<T, R: Send, E>(
+pub fn map_taken<T, R: Send, E>(
     threads: usize,
     mut items: impl Iterator<Item = T> + Send,
     work: impl Fn(usize, T) -> R + Sync,

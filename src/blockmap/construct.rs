@@ -1,0 +1,407 @@
+//! A city's file out of its triangles.
+
+use super::bake::{BakeOptions, BakeReport, Ground, bake};
+use super::codec;
+use super::layout::BlockMap;
+use super::merge::{NodeError, merge};
+use super::scene::Scene;
+use super::surroundings::Grid;
+use super::tree::{Tree, child, root};
+use crate::geo::{RasterInfo, SampleType};
+use crate::schedule::{map_in_order, thread_count};
+use crate::store::{DomainKind, EntropyKind, Header, Kind, TransformKind, Writer};
+use crate::{Error, Result};
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+
+/// Least and greatest length of a leaf's edge, in metres.
+const LEAF_SIDES: [f64; 2] = [1.0, 4096.0];
+/// Metres that edges and corners are multiples of.
+const QUANTUM: f64 = 1.0 / 1024.0;
+/// Deepest tree: 2^14 leaves along an edge.
+const MOST_LEVELS: u32 = 14;
+/// Most blocks.
+const MOST_NODES: usize = 900_000;
+/// Bytes that a triangle takes while a city is built.
+const TRIANGLE_BYTES: u64 = 160;
+
+/// How a city is built.
+#[derive(Clone, Debug, Default)]
+pub struct CityOptions {
+    /// How blocks are baked.
+    pub bake: BakeOptions,
+    /// Edge of a leaf in metres, at most; 0 for 64.
+    pub leaf_side: f64,
+    /// Memory that triangles and textures may take, in bytes; `None` for no limit.
+    pub memory: Option<u64>,
+    /// Threads, 0 for all processors. The file does not depend on it.
+    pub threads: usize,
+}
+
+/// What was built.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CityReport {
+    /// All blocks.
+    pub blocks: u64,
+    /// Those baked from triangles.
+    pub leaves: u64,
+    /// Levels of blocks.
+    pub levels: u32,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// What leaves could not keep.
+    pub baked: BakeReport,
+    /// Exposed texels of inner blocks that share a column.
+    pub shared_inner_texels: u64,
+}
+
+/// A leaf's or an inner node's block while its brothers are awaited.
+struct Done {
+    map: BlockMap,
+    error: NodeError,
+    heights: [f32; 2],
+}
+
+/// Builds the city at `output`. Where `flat_ground` says so of a square without triangles, given by its corner and edge, the square is not divided.
+///
+/// # Errors
+///
+/// [`Error::Argument`] for options out of range, a scene without triangles or with coordinates that are no numbers, and one that
+/// needs more memory than it may have; [`Error::Io`]; [`Error::Cancelled`].
+pub fn build_city(
+    scene: &Scene,
+    ground: &Ground,
+    flat_ground: &dyn Fn([f64; 2], f64) -> bool,
+    options: &CityOptions,
+    output: &Path,
+    progress: &mut dyn FnMut(u64, u64) -> bool,
+) -> Result<CityReport> {
+    check(scene, options)?;
+    let mut tree = plan(scene, flat_ground, options)?;
+    let grid = grid(scene, &tree);
+    let mut report = CityReport {
+        blocks: tree.nodes.len() as u64,
+        leaves: tree.leaves() as u64,
+        levels: tree.depth() + 1,
+        ..CityReport::default()
+    };
+    let leaves = leaves_in_order(&tree);
+    let mut spool = Spool::new(output, tree.nodes.len())?;
+    let mut pending: Vec<Vec<Done>> = Vec::new();
+    let total = leaves.len() as u64;
+    let work = |index: usize| {
+        let square = tree.square(&tree.nodes[leaves[index]]);
+        let (map, baked) = bake(scene, &grid, ground, square, &options.bake)?;
+        let bytes = codec::encode(&map)?;
+        Ok::<_, Error>((map, baked, bytes))
+    };
+    let mut found: Vec<(usize, [f32; 2], NodeError)> = Vec::new();
+    map_in_order(
+        thread_count(options.threads),
+        leaves.len(),
+        work,
+        |index, result| {
+            let (map, baked, bytes) = result?;
+            report.baked.add(&baked);
+            spool.put(leaves[index], &bytes)?;
+            let heights = map.heights;
+            let done = Done {
+                map,
+                error: NodeError::default(),
+                heights,
+            };
+            found.push((leaves[index], heights, NodeError::default()));
+            close(
+                &tree,
+                leaves[index],
+                done,
+                &mut pending,
+                &mut |node, done, shared| {
+                    spool.put(node, &codec::encode(&done.map)?)?;
+                    report.shared_inner_texels += shared as u64;
+                    found.push((node, done.heights, done.error));
+                    Ok(())
+                },
+            )?;
+            if !progress(index as u64 + 1, total) {
+                return Err(Error::Cancelled);
+            }
+            Ok(())
+        },
+    )?;
+    for (node, heights, error) in found {
+        (tree.nodes[node].heights, tree.nodes[node].error) = (heights, error);
+    }
+    tree.floor = f64::from(tree.nodes[0].heights[0]);
+    report.bytes = write(&tree, scene, options, &mut spool, output)?;
+    Ok(report)
+}
+
+fn check(scene: &Scene, options: &CityOptions) -> Result<()> {
+    let wrong = |message: String| Err(Error::Argument(message));
+    if scene.triangles.is_empty() {
+        return wrong("a city without triangles".to_owned());
+    }
+    let is_number = |corner: &[f64; 3]| corner.iter().all(|along| along.abs() < 1e12);
+    let is_sane = |at: &usize| scene.triangles[*at].corners.iter().all(is_number);
+    if let Some(bad) = (0..scene.triangles.len()).find(|at| !is_sane(at)) {
+        let corners = scene.triangles[bad].corners;
+        return wrong(format!("triangle {bad} has impossible corners {corners:?}"));
+    }
+    let [least, most] = LEAF_SIDES;
+    let side = options.leaf_side;
+    if side != 0.0 && !(least..=most).contains(&side) {
+        return wrong(format!(
+            "leaves of {side} m: {least} to {most} are possible"
+        ));
+    }
+    let bake = &options.bake;
+    if !(1..=4096).contains(&bake.views) || !(16..=4096).contains(&bake.view_pixels) {
+        return wrong(format!(
+            "{} views of {} pixels a side",
+            bake.views, bake.view_pixels
+        ));
+    }
+    if !(bake.exposure > 0.0 && bake.exposure.is_finite()) {
+        return wrong(format!("walls higher than {} m", bake.exposure));
+    }
+    let textures: usize = scene
+        .textures
+        .iter()
+        .map(super::scene::Texture::bytes)
+        .sum();
+    let bytes = scene.triangles.len() as u64 * TRIANGLE_BYTES + textures as u64;
+    match options.memory {
+        Some(memory) if bytes > memory => wrong(format!(
+            "{} triangles and {textures} bytes of textures need {} MiB, more than the {} MiB allowed",
+            scene.triangles.len(),
+            bytes >> 20,
+            memory >> 20
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The nodes, coarse to fine.
+fn plan(
+    scene: &Scene,
+    flat_ground: &dyn Fn([f64; 2], f64) -> bool,
+    options: &CityOptions,
+) -> Result<Tree> {
+    let [low, high] = scene.bounds().unwrap_or_default();
+    let leaf = if options.leaf_side == 0.0 {
+        64.0
+    } else {
+        options.leaf_side
+    };
+    // A texel of margin, so that walls at the border have an outside.
+    let margin = leaf / options.bake.side_texels as f64;
+    let extent = (high[0] - low[0]).max(high[1] - low[1]) + 2.0 * margin;
+    let levels = (extent / leaf).log2().ceil().max(0.0) as u32;
+    if levels > MOST_LEVELS {
+        return Err(Error::Argument(format!(
+            "a city of {extent} m has more than 2^{MOST_LEVELS} leaves of {leaf} m along an edge"
+        )));
+    }
+    // Texels of a whole number of quanta make the corners of all squares exact, so that neighbours share them.
+    let texels = (options.bake.side_texels << levels) as f64;
+    let extent = (extent / texels / QUANTUM).ceil() * QUANTUM * texels;
+    let corner = [0, 1].map(|axis| {
+        let corner = 0.5 * (low[axis] + high[axis] - extent);
+        (corner / QUANTUM).round() * QUANTUM
+    });
+    let mut tree = Tree {
+        corner,
+        side: extent,
+        floor: 0.0,
+        side_texels: options.bake.side_texels,
+        nodes: vec![root()],
+    };
+    // At the deepest level only, where cells are smallest.
+    let cells = 1usize << levels.min(10);
+    let grid = Grid::new(scene, corner, extent / cells as f64, [cells, cells]);
+    let mut next = 0;
+    while next < tree.nodes.len() {
+        let node = tree.nodes[next];
+        let (corner, side) = tree.square(&node);
+        let is_empty = || {
+            grid.touching(scene, corner, corner.map(|at| at + side))
+                .is_empty()
+        };
+        if node.level < levels && !(is_empty() && flat_ground(corner, side)) {
+            if tree.nodes.len() + 4 > MOST_NODES {
+                return Err(Error::Argument(format!(
+                    "more than {MOST_NODES} blocks: choose larger leaves than {leaf} m"
+                )));
+            }
+            tree.nodes[next].children = Some(tree.nodes.len() as u32);
+            let children = (0..4).map(|quarter| child(&node, next as u32, quarter));
+            tree.nodes.extend(children);
+        }
+        next += 1;
+    }
+    Ok(tree)
+}
+
+/// Cells as small as leaves, but not more than a few millions.
+fn grid(scene: &Scene, tree: &Tree) -> Grid {
+    let cells = 1usize << tree.depth().min(11);
+    Grid::new(scene, tree.corner, tree.side / cells as f64, [cells, cells])
+}
+
+/// Leaves depth first, so that brothers come together.
+fn leaves_in_order(tree: &Tree) -> Vec<usize> {
+    let mut leaves = Vec::new();
+    let mut stack = vec![0usize];
+    while let Some(index) = stack.pop() {
+        match tree.nodes[index].children {
+            Some(first) => stack.extend((0..4).rev().map(|quarter| first as usize + quarter)),
+            None => leaves.push(index),
+        }
+    }
+    leaves
+}
+
+/// Takes a finished node, and merges all nodes whose last child it is.
+fn close(
+    tree: &Tree,
+    node: usize,
+    done: Done,
+    pending: &mut Vec<Vec<Done>>,
+    merged: &mut dyn FnMut(usize, &Done, usize) -> Result<()>,
+) -> Result<()> {
+    let level = tree.nodes[node].level as usize;
+    pending.resize_with(pending.len().max(level + 1), Vec::new);
+    pending[level].push(done);
+    let Some(parent) = tree.nodes[node].parent else {
+        return Ok(());
+    };
+    let Ok(children) = <[Done; 4]>::try_from(std::mem::take(&mut pending[level])).map_err(|rest| {
+        pending[level] = rest;
+    }) else {
+        return Ok(());
+    };
+    let [a, b, c, d] = &children;
+    let (map, own, shared) = merge([&a.map, &b.map, &c.map, &d.map])?;
+    let mut heights = map.heights;
+    let mut error = own;
+    for child in &children {
+        heights = [
+            heights[0].min(child.heights[0]),
+            heights[1].max(child.heights[1]),
+        ];
+        error.height = error.height.max(child.error.height);
+        error.colour = error.colour.max(child.error.colour);
+    }
+    let done = Done {
+        map,
+        error,
+        heights,
+    };
+    merged(parent as usize, &done, shared)?;
+    close(tree, parent as usize, done, pending, merged)
+}
+
+/// Encoded blocks in the order in which they come, in a file without a name.
+struct Spool {
+    file: File,
+    path: std::path::PathBuf,
+    places: Vec<(u64, usize)>,
+    end: u64,
+}
+
+impl Spool {
+    fn new(output: &Path, nodes: usize) -> Result<Spool> {
+        let folder = match output.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let file = tempfile::tempfile_in(folder)
+            .map_err(Error::io(folder, "cannot write into the folder"))?;
+        Ok(Spool {
+            file,
+            path: folder.to_path_buf(),
+            places: vec![(0, 0); nodes],
+            end: 0,
+        })
+    }
+
+    fn put(&mut self, node: usize, bytes: &[u8]) -> Result<()> {
+        self.file
+            .write_all(bytes)
+            .map_err(Error::io(&self.path, "cannot write into the folder"))?;
+        self.places[node] = (self.end, bytes.len());
+        self.end += bytes.len() as u64;
+        Ok(())
+    }
+
+    fn get(&mut self, node: usize) -> Result<Vec<u8>> {
+        let (start, length) = self.places[node];
+        let mut bytes = vec![0; length];
+        let mut read = || -> io::Result<()> {
+            self.file.seek(SeekFrom::Start(start))?;
+            self.file.read_exact(&mut bytes)
+        };
+        read().map_err(Error::io(&self.path, "cannot read back from the folder"))?;
+        Ok(bytes)
+    }
+}
+
+fn write(
+    tree: &Tree,
+    scene: &Scene,
+    options: &CityOptions,
+    spool: &mut Spool,
+    output: &Path,
+) -> Result<u64> {
+    let header = header(tree, scene, options);
+    let roots = tree.encode().map_err(Error::Argument)?;
+    let mut writer = Writer::create(output, &header, &roots, &[])?;
+    for node in 0..tree.nodes.len() {
+        writer.push(&spool.get(node)?)?;
+    }
+    writer.finish(&header, &vec![[0; 3]; tree.nodes.len()])
+}
+
+fn header(tree: &Tree, scene: &Scene, options: &CityOptions) -> Header {
+    let side_texels = options.bake.side_texels as u32;
+    let width = side_texels << tree.depth();
+    let texel = tree.side / f64::from(width);
+    let sample_type = if options.bake.has_16_bits {
+        SampleType::U16
+    } else {
+        SampleType::U8
+    };
+    let [low, high] = tree.nodes[0].heights.map(f64::from);
+    Header {
+        kind: Kind::City,
+        domain: DomainKind::Planar,
+        transform: TransformKind::Interpolating,
+        entropy: EntropyKind::Gamma,
+        cells_log2: side_texels.ilog2() as u8,
+        levels: 2 * tree.depth() as u8,
+        lossless: false,
+        block_length_unit: 4,
+        bound_units: 0,
+        unit_min: 0,
+        unit_max: if options.bake.has_16_bits { 65535 } else { 255 },
+        unit_scale: 1.0,
+        unit_offset: 0.0,
+        sample_min: low,
+        sample_max: high,
+        max_error_bound: 0.0,
+        max_error: 0.0,
+        rms_error: 0.0,
+        samples: tree.leaves() as u64 * u64::from(side_texels).pow(2),
+        void_samples: 0,
+        block_count: tree.nodes.len() as u64,
+        raster: RasterInfo {
+            geotransform: [tree.corner[0], texel, 0.0, tree.corner[1], 0.0, texel],
+            georeferenced: true,
+            crs: scene.crs.clone(),
+            units: "metre".to_owned(),
+            ..RasterInfo::new(width, width, sample_type)
+        },
+    }
+}
