@@ -49,6 +49,8 @@ impl Default for BakeOptions {
 pub struct Ground<'a> {
     /// Its height at a place, in metres.
     pub height: &'a (dyn Fn([f64; 2]) -> f64 + Sync),
+    /// Metres from one of its samples to the next; infinite for a plane. Between places so far apart it is interpolated.
+    pub spacing: f64,
     /// Its colour.
     pub colour: [u8; 3],
 }
@@ -136,14 +138,36 @@ impl Bake<'_> {
         self.map.texel() as f32
     }
 
-    /// Middle of a texel, which may lie one outside.
-    fn place(&self, column: i32, row: i32) -> [f32; 2] {
-        [column, row].map(|along| (along as f32 + 0.5) * self.texel() - self.half())
-    }
-
-    fn ground_at(&self, [x, y]: [f32; 2]) -> f32 {
-        let place = [self.middle[0] + f64::from(x), self.middle[1] + f64::from(y)];
-        ((self.ground.height)(place) - self.middle[2]) as f32
+    /// Heights of the ground at the middles of all texels and one more on each side, relative to the block's middle.
+    fn ground(&self) -> Vec<f32> {
+        let outer = self.map.side_texels + 2;
+        let reach = f64::from(self.half() + self.texel());
+        let count = (2.0 * reach / self.ground.spacing)
+            .ceil()
+            .clamp(1.0, outer as f64) as usize;
+        let posts: Vec<f32> = (0..=count)
+            .flat_map(|row| (0..=count).map(move |column| [column, row]))
+            .map(|post| {
+                let along = post.map(|at| 2.0 * reach * at as f64 / count as f64 - reach);
+                let place = [self.middle[0] + along[0], self.middle[1] + along[1]];
+                ((self.ground.height)(place) - self.middle[2]) as f32
+            })
+            .collect();
+        let place = |texel: usize| {
+            let along = (texel as f32 + 0.5) / outer as f32 * count as f32;
+            let low = (along as usize).min(count - 1);
+            (low, along - low as f32)
+        };
+        let height = |index: usize| {
+            let ((column, x), (row, y)) = (place(index % outer), place(index / outer));
+            let mix = |row: usize| {
+                let first = row * (count + 1) + column;
+                posts[first] + x * (posts[first + 1] - posts[first])
+            };
+            let (south, north) = (mix(row), mix(row + 1));
+            south + y * (north - south)
+        };
+        (0..outer * outer).map(height).collect()
     }
 
     /// Heights, roof normals and roof colours. A height is that of the texel's middle; colours are those of all samples that
@@ -158,12 +182,7 @@ impl Bake<'_> {
         for (number, triangle) in self.triangles.iter().enumerate() {
             seen.draw(&above, &triangle.corners, number as u32);
         }
-        let ground: Vec<f32> = (0..outer * outer)
-            .map(|index| {
-                let [column, row] = [index % outer, index / outer].map(|along| along as i32 - 1);
-                self.ground_at(self.place(column, row))
-            })
-            .collect();
+        let ground = self.ground();
         let middle = |along: usize| along * SAMPLES + SAMPLES / 2;
         let base = self.middle[2] as f32;
         self.outer_heights = (0..outer * outer)

@@ -17,6 +17,8 @@ use std::path::Path;
 
 /// Least and greatest length of a leaf's edge, in metres.
 const LEAF_SIDES: [f64; 2] = [1.0, 4096.0];
+/// Metres from the lowest height to the floor, so that every ray that comes down meets a prism above it.
+const BELOW: f64 = 1.0;
 /// Metres that edges and corners are multiples of.
 const QUANTUM: f64 = 1.0 / 1024.0;
 /// Deepest tree: 2^14 leaves along an edge.
@@ -63,7 +65,7 @@ struct Done {
     heights: [f32; 2],
 }
 
-/// Builds the city at `output`. Where `flat_ground` says so of a square without triangles, given by its corner and edge, the square is not divided.
+/// Builds the city at `output`. On a plane, squares without triangles are not divided.
 ///
 /// # Errors
 ///
@@ -72,13 +74,12 @@ struct Done {
 pub fn build_city(
     scene: &Scene,
     ground: &Ground,
-    flat_ground: &dyn Fn([f64; 2], f64) -> bool,
     options: &CityOptions,
     output: &Path,
     progress: &mut dyn FnMut(u64, u64) -> bool,
 ) -> Result<CityReport> {
     check(scene, options)?;
-    let mut tree = plan(scene, flat_ground, options)?;
+    let mut tree = plan(scene, ground.spacing.is_infinite(), options)?;
     let grid = grid(scene, &tree);
     let mut report = CityReport {
         blocks: tree.nodes.len() as u64,
@@ -133,7 +134,7 @@ pub fn build_city(
     for (node, heights, error) in found {
         (tree.nodes[node].heights, tree.nodes[node].error) = (heights, error);
     }
-    tree.floor = f64::from(tree.nodes[0].heights[0]);
+    tree.floor = f64::from(tree.nodes[0].heights[0]) - BELOW;
     report.bytes = write(&tree, scene, options, &mut spool, output)?;
     Ok(report)
 }
@@ -183,12 +184,8 @@ fn check(scene: &Scene, options: &CityOptions) -> Result<()> {
     }
 }
 
-/// The nodes, coarse to fine.
-fn plan(
-    scene: &Scene,
-    flat_ground: &dyn Fn([f64; 2], f64) -> bool,
-    options: &CityOptions,
-) -> Result<Tree> {
+/// The nodes, coarse to fine. Where the ground `is_flat`, squares without triangles have no children.
+fn plan(scene: &Scene, is_flat: bool, options: &CityOptions) -> Result<Tree> {
     let [low, high] = scene.bounds().unwrap_or_default();
     let leaf = if options.leaf_side == 0.0 {
         64.0
@@ -229,7 +226,7 @@ fn plan(
             grid.touching(scene, corner, corner.map(|at| at + side))
                 .is_empty()
         };
-        if node.level < levels && !(is_empty() && flat_ground(corner, side)) {
+        if node.level < levels && !(is_flat && is_empty()) {
             if tree.nodes.len() + 4 > MOST_NODES {
                 return Err(Error::Argument(format!(
                     "more than {MOST_NODES} blocks: choose larger leaves than {leaf} m"

@@ -27,6 +27,7 @@ pub use codec::{decode, encode};
 pub use construct::{CityOptions, CityReport, build_city};
 pub use layout::{BlockMap, WALL_COLUMNS, direction, direction_byte, image_bytes};
 pub use merge::{NodeError, merge};
+pub use raster::Seen;
 pub use rays::{CityHit, CityRays};
 pub use scene::{Paint, Scene, Texture, Triangle};
 pub use surroundings::Grid;

@@ -114,7 +114,7 @@ impl Triangle {
 
 impl Scene {
     /// The colour of a paint where the three corners have these weights.
-    pub(super) fn colour(&self, paint: &Paint, weights: [f32; 3]) -> [f32; 3] {
+    pub fn colour(&self, paint: &Paint, weights: [f32; 3]) -> [f32; 3] {
         let between = |at: &[[f32; 2]; 3]| {
             [0, 1].map(|axis| {
                 (0..3)

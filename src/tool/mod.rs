@@ -1,5 +1,5 @@
 //! Floor 3: what the command line and the tests do with whole repositories. Prints nothing. Knows
-//! `build` and `cut` beside it.
+//! `build`, `cut` and `blockmap` beside it.
 
 mod bands;
 mod bench;
@@ -11,9 +11,11 @@ mod memory;
 mod packed;
 mod random;
 pub mod raster_file;
+mod render;
 mod repair;
 mod update;
 mod verify;
+mod verify_city;
 
 pub use bench::{Speed, bench};
 pub use cracks::count_cracks;
@@ -21,9 +23,11 @@ pub use extract::{Extract, Extracted, extract, window_in_box};
 pub use fly::{Flight, FlightReport, fly};
 pub use memory::peak_memory_bytes;
 pub use packed::{open_packed, pack, unpack};
+pub use render::{GroundRay, Likeness, Original, Render, Rendered, render};
 pub use repair::{RepairReport, repair};
 pub use update::{Placed, Update, UpdateReport, update};
 pub use verify::{Comparison, DamagedBlocks, MissingBlocks, Verdict, verify};
+pub use verify_city::verify_city;
 
 /// Told how much is done, and of how much; false cancels.
 pub type Progress<'a> = &'a mut dyn FnMut(u64, u64) -> bool;

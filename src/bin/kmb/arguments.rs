@@ -1,5 +1,6 @@
 //! What can be said on the command line.
 
+use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use kimberlite::build::source::{SourceOptions, parse_raw_shape};
 use kimberlite::geo::SampleType;
@@ -51,6 +52,10 @@ pub enum Command {
     Bench { file: PathBuf },
     /// Remove what unfinished builds of an output left beside it; not while one is running
     Clean { output: PathBuf },
+    /// Make a city of BlockMaps out of buildings
+    BuildCity(BuildCity),
+    /// Make pictures of a city by rays, and compare them with what it was built from
+    RenderCity(RenderCity),
     /// The height at a place in the raster's reference system
     #[command(allow_negative_numbers = true)]
     Height { file: PathBuf, x: f64, y: f64 },
@@ -65,6 +70,8 @@ impl Command {
             Command::Extract(extract) => &extract.file,
             Command::Fly(fly) => &fly.file,
             Command::Clean { output } => output,
+            Command::BuildCity(build) => build.inputs.first().unwrap_or(&build.output),
+            Command::RenderCity(render) => &render.file,
             Command::Info { file }
             | Command::Verify { file, .. }
             | Command::Repair { file, .. }
@@ -291,6 +298,73 @@ pub struct Fly {
     /// Time for refinement in a frame, in microseconds; unlimited by default
     #[arg(long, value_name = "N")]
     pub budget_us: Option<u64>,
+}
+
+#[derive(Args)]
+pub struct BuildCity {
+    /// CityJSON (.json, .jsonl), OBJ or glTF; several make one city
+    #[arg(required = true, value_name = "IN")]
+    pub inputs: Vec<PathBuf>,
+    /// The city to write
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+    /// Texels along a block
+    #[arg(long, value_enum, default_value = "128")]
+    pub k: SideTexels,
+    /// Walls without textures get windows, by this seed
+    #[arg(long, value_name = "SEED")]
+    pub facades: Option<u32>,
+    /// A repository of heights that the city stands on, in the same reference system
+    #[arg(long, value_name = "F.kmb")]
+    pub ground: Option<PathBuf>,
+    /// Memory that triangles and textures may take [default: no limit]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..1 << 40))]
+    pub memory: Option<u64>,
+    /// Longest edge of the smallest blocks, in metres [default: 64]
+    #[arg(long, value_name = "METRES")]
+    pub leaf: Option<f64>,
+    /// Views from which the walls of a block are painted
+    #[arg(long, default_value_t = 64)]
+    pub views: usize,
+    /// Bits of a height: 8 or 16
+    #[arg(long, value_name = "BITS", default_value_t = 8, value_parser = clap::builder::PossibleValuesParser::new(["8", "16"]).map(|bits| if bits == "16" { 16u8 } else { 8 }))]
+    pub heights: u8,
+    /// Number of threads; 0 uses all processors
+    #[arg(long, default_value_t = 0)]
+    pub threads: usize,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum SideTexels {
+    #[value(name = "32")]
+    Texels32 = 32,
+    #[value(name = "64")]
+    Texels64 = 64,
+    #[value(name = "128")]
+    Texels128 = 128,
+}
+
+#[derive(Args)]
+pub struct RenderCity {
+    pub file: PathBuf,
+    /// Number of views, on three rings around the city
+    #[arg(long, default_value_t = 9)]
+    pub views: usize,
+    /// Width and height of a picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "640x512", value_parser = size)]
+    pub size: [u32; 2],
+    /// What the city was built from
+    #[arg(long, num_args = 1.., value_name = "IN")]
+    pub against: Vec<PathBuf>,
+    /// With --against: the seed of its facades
+    #[arg(long, value_name = "SEED", requires = "against")]
+    pub facades: Option<u32>,
+    /// Largest error of a block on the screen, in pixels; 0 for the finest blocks
+    #[arg(long, value_name = "PX", default_value_t = 0.0)]
+    pub tolerance: f64,
+    /// The folder for the pictures
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
 }
 
 #[derive(Clone, Copy, ValueEnum)]

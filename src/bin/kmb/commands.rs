@@ -1,6 +1,7 @@
 //! The subcommands: each asks the library, and reports what it answers.
 
 use crate::arguments::{self, Command};
+use crate::cities;
 use crate::progress::Progress;
 use crate::report::Report;
 use kimberlite::build::source::{RasterSource, Resampled, open_all, texels_per_sample};
@@ -51,6 +52,8 @@ pub fn run(command: &Command) -> Result<Outcome> {
         Command::Fly(arguments) => fly(arguments).map(Outcome::from),
         Command::Bench { file } => bench(file).map(Outcome::from),
         Command::Clean { output } => clean(output).map(Outcome::from),
+        Command::BuildCity(arguments) => cities::build(arguments).map(Outcome::from),
+        Command::RenderCity(arguments) => cities::render(arguments).map(Outcome::from),
         Command::Height { file, x, y } => height(file, *x, *y).map(Outcome::from),
     }
 }
@@ -59,11 +62,11 @@ fn open(file: &Path) -> Result<Layer> {
     Layer::open(file, Access::Map)
 }
 
-fn open_heights(file: &Path) -> Result<Arc<Terrain>> {
+pub fn open_heights(file: &Path) -> Result<Arc<Terrain>> {
     Terrain::open(file, Access::Map).map(Arc::new)
 }
 
-fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
+pub fn start_progress(task: &'static str, file: &Path) -> Result<Progress> {
     Progress::start(task).map_err(Error::io(file, "cannot watch for Ctrl-C"))
 }
 
@@ -183,6 +186,9 @@ fn bits_per_sample(bytes: u64, samples: u64, void_samples: u64) -> Option<f64> {
 }
 
 fn info(file: &Path) -> Result<Report> {
+    if let Some(city) = cities::open_city(file)? {
+        return Ok(cities::info(&city));
+    }
     let layer = open(file)?;
     let (header, store) = (layer.header(), layer.store());
     let raster = &header.raster;
@@ -269,6 +275,9 @@ fn verify(
     domain_of: Option<&Path>,
     source: &arguments::Source,
 ) -> Result<Outcome> {
+    if let Ok(Some(city)) = cities::open_city(file) {
+        return cities::verify(&city, file);
+    }
     let layer = match open(file) {
         // Without a sound header there is no saying how many blocks there are.
         Err(Error::Damaged { message, .. }) => {

@@ -1,6 +1,7 @@
 //! `kmb`: the command line of Kimberlite.
 
 mod arguments;
+mod cities;
 mod commands;
 mod progress;
 mod report;
