@@ -97,16 +97,15 @@ fn ground_storey(seed: u32, bay: i32, place: [f32; 2], wall: [f32; 3]) -> [f32; 
         let shop = [0.08, 0.92, 0.12, 0.76];
         return window(seed, bay, 0, place, shop).unwrap_or(wall);
     }
-    if bay.rem_euclid(4) == (chosen / 3 % 4) as i32 {
-        let is_door = (0.32..0.68).contains(&place[0]) && place[1] < 0.74;
-        return if is_door {
-            DOORS[(chosen / 12) as usize % DOORS.len()]
-        } else {
-            wall
-        };
+    let has_door = bay.rem_euclid(4) == (chosen / 3 % 4) as i32;
+    if has_door && (0.32..0.68).contains(&place[0]) && place[1] < 0.74 {
+        return DOORS[(chosen / 12) as usize % DOORS.len()];
     }
     if place[1] < 2.0 * SILL {
         return wall.map(|band| 0.8 * band);
+    }
+    if has_door {
+        return wall;
     }
     window(seed, bay, 0, place, [0.28, 0.72, 0.32, 0.78]).unwrap_or(wall)
 }

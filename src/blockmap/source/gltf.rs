@@ -6,7 +6,7 @@ use std::path::Path;
 
 use glam::{DMat4, DQuat, DVec3, DVec4};
 use gltf::mesh::{Mode, Primitive};
-use gltf::{Document, Gltf, Material};
+use gltf::{Document, Gltf, Material, Node};
 use serde_json::Value;
 
 use super::bytes_of;
@@ -23,23 +23,7 @@ const BINARY_HEADER: usize = 12;
 pub(super) fn read(path: &Path, collector: &mut Collector) -> Result<()> {
     let bytes = bytes_of(path)?;
     let refuse = |text: String| Error::input(path, text);
-    let is_binary = bytes.starts_with(b"glTF");
-    if is_binary {
-        let length = bytes
-            .get(8..BINARY_HEADER)
-            .and_then(|length| length.try_into().ok());
-        if length.map_or(0, u32::from_le_bytes) < BINARY_HEADER as u32 {
-            return Err(refuse("its header is not complete".to_string()));
-        }
-    }
-    let not_gltf = |error: gltf::Error| refuse(format!("not glTF: {error}"));
-    let Gltf { document, blob } = Gltf::from_slice(&bytes).map_err(not_gltf)?;
-    // The document keeps single precision, which is too little for a place on the Earth.
-    let root: Value = match is_binary {
-        true => serde_json::from_slice(&gltf::Glb::from_slice(&bytes).map_err(not_gltf)?.json),
-        false => serde_json::from_slice(&bytes),
-    }
-    .map_err(|error| refuse(format!("not JSON: {error}")))?;
+    let (Gltf { document, blob }, root) = parse(&bytes).map_err(refuse)?;
     let parts = Parts::read(path, &document, blob).map_err(refuse)?;
     let mut stack: Vec<(usize, DMat4)> = roots(&document)
         .into_iter()
@@ -59,19 +43,67 @@ pub(super) fn read(path: &Path, collector: &mut Collector) -> Result<()> {
         let own = matrix(own.unwrap_or(&Value::Null))
             .map_err(|cause| refuse(format!("nodes[{number}]: {cause}")))?;
         let matrix = parent * own;
-        if let Some(mesh) = node.mesh() {
-            let name = node
-                .name()
-                .or(mesh.name())
-                .map_or_else(|| format!("node {number}"), str::to_string);
-            collector.begin_object(Thing::Building, &name);
-            for primitive in mesh.primitives() {
-                let place = format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
-                add_primitive(&parts, &primitive, matrix, &place, collector)?;
-            }
-        }
+        add_mesh(&parts, &node, matrix, collector)?;
         let children: Vec<usize> = node.children().map(|child| child.index()).collect();
         stack.extend(children.iter().rev().map(|&child| (child, matrix)));
+    }
+    Ok(())
+}
+
+/// The document, and its text again: the document keeps single precision, which is too little for a place on the Earth.
+fn parse(bytes: &[u8]) -> std::result::Result<(Gltf, Value), String> {
+    let not_gltf = |error: gltf::Error| format!("not glTF: {error}");
+    let root = if bytes.starts_with(b"glTF") {
+        let length = bytes
+            .get(8..BINARY_HEADER)
+            .and_then(|length| length.try_into().ok());
+        if length.map_or(0, u32::from_le_bytes) < BINARY_HEADER as u32 {
+            return Err("its header is not complete".to_string());
+        }
+        serde_json::from_slice(&gltf::Glb::from_slice(bytes).map_err(not_gltf)?.json)
+    } else {
+        serde_json::from_slice(bytes)
+    };
+    let root: Value = root.map_err(|error| format!("not JSON: {error}"))?;
+    check_positions(&root)?;
+    let gltf = Gltf::from_slice(bytes).map_err(not_gltf)?;
+    Ok((gltf, root))
+}
+
+/// Whether the positions of all primitives are there, which has to be known before the document is made.
+fn check_positions(root: &Value) -> std::result::Result<(), String> {
+    fn list<'v>(value: &'v Value, name: &str) -> &'v [Value] {
+        let list = value.get(name).and_then(Value::as_array);
+        list.map_or(&[], Vec::as_slice)
+    }
+    let count = list(root, "accessors").len() as u64;
+    for (mesh, value) in list(root, "meshes").iter().enumerate() {
+        for (primitive, value) in list(value, "primitives").iter().enumerate() {
+            let attributes = value.get("attributes");
+            let number = attributes.and_then(|all| all.get("POSITION")?.as_u64());
+            if let Some(number) = number.filter(|&number| number >= count) {
+                let place = format!("meshes[{mesh}].primitives[{primitive}]");
+                return Err(format!(
+                    "{place}: accessor {number} is missing: there are {count}"
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn add_mesh(parts: &Parts, node: &Node, matrix: DMat4, collector: &mut Collector) -> Result<()> {
+    let Some(mesh) = node.mesh() else {
+        return Ok(());
+    };
+    let name = node
+        .name()
+        .or(mesh.name())
+        .map_or_else(|| format!("node {}", node.index()), str::to_string);
+    collector.begin_object(Thing::Building, &name);
+    for primitive in mesh.primitives() {
+        let place = format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
+        add_primitive(parts, &primitive, matrix, &place, collector)?;
     }
     Ok(())
 }

@@ -10,7 +10,7 @@ const FOUNDATION: f64 = 2.0;
 /// Metres: height of the lowest and the highest building.
 const HEIGHTS: [f64; 2] = [6.0, 60.0];
 /// Metres: from this short side on there may be a courtyard.
-const COURTYARD: f64 = 18.0;
+const COURTYARD: f64 = 12.0;
 
 /// A city on a square of ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -164,7 +164,7 @@ impl Building<'_> {
         let size = [0, 1].map(|axis| footprint.high[axis] - footprint.low[axis]);
         self.walls(corners);
         let short = size[0].min(size[1]);
-        if short >= COURTYARD && choice < 0.5 {
+        if short >= COURTYARD && choice < 0.25 {
             let mut court = footprint.court().corners();
             for side in 0..4 {
                 let next = (side + 1) % 4;

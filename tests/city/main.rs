@@ -1,0 +1,3 @@
+//! Cities: what is read of them.
+
+mod sources;
