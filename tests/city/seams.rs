@@ -65,7 +65,8 @@ fn ray(city: &City, random: &mut Random) -> Ray {
             tree.corner[axis] + at
         })
     };
-    let target = place(0.0).map(|at| at);
+    // Not on the border itself, which a ray may touch without going in.
+    let target = place(-1e-4);
     let mut origin = place(1.0);
     if random.chance(0.1) {
         origin[0] = target[0];
