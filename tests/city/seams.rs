@@ -62,7 +62,8 @@ fn ray(city: &City, random: &mut Random) -> Ray {
             } else {
                 at
             };
-            tree.corner[axis] + at
+            let border = -beyond * tree.side;
+            tree.corner[axis] + at.clamp(border, tree.side - border)
         })
     };
     // Not on the border itself, which a ray may touch without going in.
