@@ -314,7 +314,7 @@ pub struct BuildCity {
     /// Walls without textures get windows, by this seed
     #[arg(long, value_name = "SEED")]
     pub facades: Option<u32>,
-    /// A repository of heights that the city stands on, in the same reference system
+    /// A repository of heights that the city stands on, in the same world coordinates
     #[arg(long, value_name = "F.kmb")]
     pub ground: Option<PathBuf>,
     /// Memory that triangles and textures may take [default: no limit]

@@ -5,7 +5,7 @@ use crate::commands::{Outcome, open_heights, start_progress};
 use crate::report::Report;
 use kimberlite::blockmap::source::{SourceOptions, read};
 use kimberlite::blockmap::{BakeOptions, City, CityOptions, Ground, Ray, Scene, Visit, build_city};
-use kimberlite::cut::Query;
+use kimberlite::cut::{DiamondSource, Query};
 use kimberlite::store::Access;
 use kimberlite::tool::{self, Original, Render, peak_memory_bytes};
 use kimberlite::{Error, Result};
@@ -37,7 +37,7 @@ impl Base {
     fn height(&self, [x, y]: [f64; 2]) -> f64 {
         let height = self.terrain.as_ref().and_then(|query| {
             let mut query = query.lock().unwrap_or_else(PoisonError::into_inner);
-            query.height_at_crs(x, y).ok().flatten()
+            query.height_at_world(x, y).ok().flatten()
         });
         height.map_or(self.plane, |height| height.height)
     }
@@ -45,8 +45,8 @@ impl Base {
     fn spacing(&self) -> f64 {
         self.terrain.as_ref().map_or(f64::INFINITY, |query| {
             let query = query.lock().unwrap_or_else(PoisonError::into_inner);
-            let [_, a, b, _, c, d] = query.terrain().raster_info().geotransform;
-            a.hypot(c).min(b.hypot(d))
+            let step = query.terrain().frame().step;
+            step[0].abs().min(step[1].abs())
         })
     }
 
