@@ -144,6 +144,14 @@ pub fn render(arguments: &arguments::RenderCity) -> Result<Report> {
         .with("psnr_mean", like.map(|like| like.psnr_mean))
         .with("psnr_min", like.map(|like| like.psnr_min))
         .with("depth_error_mean", like.map(|like| like.depth_error_mean))
+        .with(
+            "psnr_rings",
+            like.map(|like| like.rings.map(|[psnr, _]| psnr).to_vec()),
+        )
+        .with(
+            "depth_error_rings",
+            like.map(|like| like.rings.map(|[_, depth]| depth).to_vec()),
+        )
         .with("holes", seen.holes)
         .with("rays", seen.rays)
         .with("rays_per_second", seen.rays_per_second))
