@@ -1,0 +1,306 @@
+//! The planes of a block in the order of their bytes, and what the shape tells of the others.
+
+use super::rows::{Coder, NOWHERE, Places, Plane, ZONE_CONTEXTS, guide, mask, pass};
+use crate::blockmap::layout::{BlockMap, WALL_COLUMNS};
+
+/// Planes of a block: heights, wall columns, two of roof normals, and four of roofs, walls, and normals of walls.
+pub const PLANES: usize = 16;
+/// A wall column's code where the shape told of a wall but there is none.
+const NO_WALL: u8 = 0x80;
+/// Zones of a plane.
+const ZONES: usize = 4;
+
+/// Contexts of each plane.
+pub fn contexts() -> [usize; PLANES] {
+    [ZONES * usize::from(ZONE_CONTEXTS); PLANES]
+}
+
+/// What is stored of a block beside its planes.
+#[derive(Clone, Copy, Debug)]
+pub struct Hints {
+    /// Codes of height by which a texel stands above a neighbour where a wall is foreseen: more than so many.
+    pub step: u16,
+    /// Whether columns of walls that no texel has are stored too; else they are 0.
+    pub has_all_columns: bool,
+}
+
+/// Passes all planes of a block: reads them from its image and writes them back.
+pub fn walk(coder: &mut impl Coder, map: &mut BlockMap, hints: Hints) {
+    let side = map.side_texels;
+    let shape = walk_shape(coder, map, hints.step);
+    let mut section = read(map, side, side, &every_row(map), true);
+    let mut before: Option<usize> = None;
+    for channel in [1, 0, 2, 3] {
+        let mut plane = std::mem::replace(&mut section[channel], Plane::new(0, 0, 8));
+        // Occlusion has more to do with heights than with colours.
+        let companion = before.filter(|_| channel != 3).map(|before| &section[before]);
+        pass(coder, &mut plane, &shape.places, companion.or(Some(&shape.heights)));
+        section[channel] = plane;
+        before = Some(channel);
+    }
+    write(map, side, side, &every_row(map), true, &section);
+    walk_walls(coder, map, hints.has_all_columns);
+}
+
+struct Shape {
+    heights: Plane,
+    places: Places,
+}
+
+fn every_row(map: &BlockMap) -> Vec<usize> {
+    (0..map.side_texels).collect()
+}
+
+/// One zone for all.
+fn anywhere(width: usize, rows: usize) -> Places {
+    Places {
+        zones: vec![0; width * rows],
+        guides: vec![guide::LEFT; width * rows],
+        period: rows,
+    }
+}
+
+fn walk_shape(coder: &mut impl Coder, map: &mut BlockMap, step: u16) -> Shape {
+    let side = map.side_texels;
+    let bits = if map.low_heights.is_some() { 16 } else { 8 };
+    let mut heights = Plane::new(side, side, bits);
+    for (index, height) in heights.values.iter_mut().enumerate() {
+        *height = map.height_code(index % side, index / side);
+    }
+    pass(coder, &mut heights, &anywhere(side, side), None);
+    let mut columns = Plane::new(side, side, 8);
+    let expected = expected_walls(&heights.values, side, step);
+    put_columns(map, &expected, &mut columns.values);
+    let mut places = anywhere(side, side);
+    for (index, zone) in places.zones.iter_mut().enumerate() {
+        let at = [index % side, index / side];
+        let is_border = at.iter().any(|&along| along == 0 || along == side - 1);
+        *zone = u8::from(expected[index]) + 2 * u8::from(is_border);
+    }
+    pass(coder, &mut columns, &places, None);
+    take_columns(map, &expected, &columns.values);
+    let places = surroundings(&heights.values, side, bits);
+    let mut section = read(map, 0, side, &every_row(map), false);
+    let (shape, normals) = section.split_at_mut(2);
+    let (across, along) = normals.split_at_mut(1);
+    pass(coder, &mut across[0], &places, Some(&heights));
+    pass(coder, &mut along[0], &places, Some(&across[0]));
+    for (index, &code) in heights.values.iter().enumerate() {
+        let [high, low] = code.to_be_bytes();
+        shape[0].values[index] = u16::from(if bits == 16 { high } else { low });
+        if let Some(plane) = &mut map.low_heights {
+            plane[index] = low;
+        }
+    }
+    write(map, 0, side, &every_row(map), false, &section);
+    Shape { heights, places }
+}
+
+/// Texels that stand more than `step` codes above one of their neighbours in the block.
+fn expected_walls(heights: &[u16], side: usize, step: u16) -> Vec<bool> {
+    let stands_out = |index: usize| {
+        let (column, row) = (index % side, index / side);
+        let above = |is_inside: bool, other: usize| {
+            is_inside && heights[index].saturating_sub(heights[other]) > step
+        };
+        above(column > 0, index.wrapping_sub(1))
+            || above(column + 1 < side, index + 1)
+            || above(row > 0, index.wrapping_sub(side))
+            || above(row + 1 < side, index + side)
+    };
+    (0..side * side).map(stands_out).collect()
+}
+
+/// Codes of wall columns: 0 where there is a wall or none as expected, and its column is one more than the one before.
+fn put_columns(map: &BlockMap, expected: &[bool], codes: &mut [u16]) {
+    let (side, slice) = (map.side_texels, map.side_texels * map.slice_rows());
+    let mut last = 0;
+    for (index, code) in codes.iter_mut().enumerate() {
+        if index % slice == 0 {
+            last = 0;
+        }
+        let wall = i32::from(map.wall_column(index % side, index / side));
+        let further = (wall - 1 - last + 127).rem_euclid(255) - 127;
+        let byte = match (wall, expected[index]) {
+            (0, true) => NO_WALL,
+            (0, false) => 0,
+            (_, true) => further as u8,
+            (_, false) => (further + i32::from(further >= 0)) as u8,
+        };
+        *code = u16::from(byte);
+        last = if wall == 0 { last } else { wall };
+    }
+}
+
+/// The inverse of [`put_columns`].
+fn take_columns(map: &mut BlockMap, expected: &[bool], codes: &[u16]) {
+    let (side, slice) = (map.side_texels, map.side_texels * map.slice_rows());
+    let mut last = 0;
+    for (index, &code) in codes.iter().enumerate() {
+        if index % slice == 0 {
+            last = 0;
+        }
+        let byte = code as u8;
+        let further = match (byte, expected[index]) {
+            (NO_WALL, true) | (0, false) => None,
+            (_, true) => Some(i32::from(byte as i8)),
+            (NO_WALL, false) => Some(127),
+            (_, false) => Some(i32::from(byte as i8) - i32::from((byte as i8) > 0)),
+        };
+        let wall = further.map_or(0, |further| (last + further).rem_euclid(255) + 1);
+        last = if wall == 0 { last } else { wall };
+        let (column, row) = (index % side, index / side);
+        let [height, _, x, y] = map.at(column, row);
+        map.set(column, row, [height, wall as u8, x, y]);
+    }
+}
+
+/// For each texel the neighbour before it that is as high, and how the heights around differ.
+fn surroundings(heights: &[u16], side: usize, bits: u32) -> Places {
+    let mut places = anywhere(side, side);
+    // Steps of roofs are smaller than those of walls; a 64th of the block's height parts them well enough.
+    let small = mask(bits) / 64;
+    for index in side..side * side {
+        let column = index % side;
+        let own = heights[index];
+        let away = |is_inside: bool, other: usize| {
+            if is_inside {
+                heights[other].abs_diff(own)
+            } else {
+                u16::MAX
+            }
+        };
+        let left = away(column > 0, index.wrapping_sub(1));
+        let others = [
+            (away(true, index - side), guide::ABOVE),
+            (away(column > 0, index.wrapping_sub(side + 1)), guide::CORNER),
+            (away(column + 1 < side, index - side + 1), guide::ABOVE_RIGHT),
+        ];
+        let (mut least, mut best) = (left, guide::LEFT);
+        for (away, guide) in others {
+            if away < least {
+                (least, best) = (away, guide);
+            }
+        }
+        let is_even = left.max(others[0].0) <= small;
+        places.guides[index] = best;
+        places.zones[index] = match (is_even, least) {
+            (true, _) if left == 0 && others[0].0 == 0 => 0,
+            (true, _) => 1,
+            (false, least) if least <= small => 2,
+            (false, _) => 3,
+        };
+    }
+    places
+}
+
+fn walk_walls(coder: &mut impl Coder, map: &mut BlockMap, has_all_columns: bool) {
+    let (first, slice_rows) = (2 * map.side_texels, map.slice_rows());
+    let is_normal = |row: &usize| row % slice_rows == slice_rows - 1;
+    let (normals, colours): (Vec<usize>, Vec<usize>) = every_row(map).iter().partition(|row| is_normal(row));
+    let columns = slice_columns(map, has_all_columns);
+    for (rows, is_relative) in [(colours, true), (normals, false)] {
+        let mut places = anywhere(WALL_COLUMNS, rows.len());
+        places.period = if is_relative { slice_rows - 1 } else { 1 };
+        for (line, zones) in places.zones.chunks_exact_mut(WALL_COLUMNS).enumerate() {
+            let slice = &columns[rows[line] / slice_rows];
+            for (zone, column) in zones.iter_mut().zip(slice) {
+                *zone = match column {
+                    None => NOWHERE,
+                    Some(_) if !is_relative => 0,
+                    Some([low, top]) => {
+                        let above = rows[line] % slice_rows;
+                        u8::from(above >= *low) + u8::from(above >= *top) + u8::from(above > *top)
+                    }
+                };
+            }
+        }
+        let mut section = read(map, first, WALL_COLUMNS, &rows, is_relative);
+        let mut before: Option<usize> = None;
+        for channel in if is_relative { [1, 0, 2, 3] } else { [0, 1, 2, 3] } {
+            let mut plane = std::mem::replace(&mut section[channel], Plane::new(0, 0, 8));
+            pass(coder, &mut plane, &places, before.map(|before| &section[before]));
+            section[channel] = plane;
+            before = Some(channel);
+        }
+        write(map, first, WALL_COLUMNS, &rows, is_relative, &section);
+    }
+}
+
+/// Of each column of each slice that is stored the rows of its wall's foot and top; what is beyond is never seen.
+fn slice_columns(map: &BlockMap, has_all: bool) -> Vec<[Option<[usize; 2]>; WALL_COLUMNS]> {
+    let (side, rows) = (map.side_texels, map.wall_rows());
+    let unknown = has_all.then_some([0, rows]);
+    let mut slices = vec![[unknown; WALL_COLUMNS]; map.slices];
+    let place = |code: u16| usize::from(code) * rows / usize::from(map.top_code());
+    for index in 0..side * side {
+        let (column, row) = (index % side, index / side);
+        let wall = usize::from(map.wall_column(column, row));
+        if wall == 0 {
+            continue;
+        }
+        let around = [
+            (column.wrapping_sub(1), row),
+            (column + 1, row),
+            (column, row.wrapping_sub(1)),
+            (column, row + 1),
+        ];
+        let inside = around.into_iter().filter(|&(c, r)| c < side && r < side);
+        let heights = inside.map(|(c, r)| map.height_code(c, r));
+        let low = heights.min().unwrap_or(0);
+        let own = [place(low), place(map.height_code(column, row))];
+        let known = &mut slices[row / map.slice_rows()][wall];
+        *known = Some(match known {
+            Some([low, top]) if *top < rows || *low > 0 => [own[0].min(*low), own[1].max(*top)],
+            _ => own,
+        });
+    }
+    slices
+}
+
+/// Whether all of the walls that no texel has is 0.
+pub fn is_rest_blank(map: &BlockMap) -> bool {
+    let columns = slice_columns(map, false);
+    (0..map.side_texels).all(|row| {
+        let slice = &columns[row / map.slice_rows()];
+        let unused = slice.iter().enumerate().filter(|(_, column)| column.is_none());
+        unused.into_iter().all(|(column, _)| map.at(2 * map.side_texels + column, row) == [0; 4])
+    })
+}
+
+/// The four channels of some columns and rows; red and blue less green where they `are_relative`.
+fn read(map: &BlockMap, first: usize, width: usize, rows: &[usize], are_relative: bool) -> [Plane; 4] {
+    let mut planes = [0; 4].map(|_| Plane::new(width, rows.len(), 8));
+    for (line, &row) in rows.iter().enumerate() {
+        let start = 4 * (row * map.width() + first);
+        let texels = map.image[start..start + 4 * width].as_chunks::<4>().0;
+        for (column, &[red, green, blue, alpha]) in texels.iter().enumerate() {
+            let less = if are_relative { green } else { 0 };
+            let values = [red.wrapping_sub(less), green, blue.wrapping_sub(less), alpha];
+            for (plane, value) in planes.iter_mut().zip(values) {
+                plane.values[line * plane.width + column] = u16::from(value);
+            }
+        }
+    }
+    planes
+}
+
+/// The inverse of [`read`].
+fn write(map: &mut BlockMap, first: usize, width: usize, rows: &[usize], are_relative: bool, planes: &[Plane; 4]) {
+    for (line, &row) in rows.iter().enumerate() {
+        let start = 4 * (row * map.width() + first);
+        let texels = map.image[start..start + 4 * width].as_chunks_mut::<4>().0;
+        let [red, green, blue, alpha] = [0, 1, 2, 3].map(|channel| {
+            &planes[channel].values[line * planes[channel].width..][..width]
+        });
+        for (column, texel) in texels.iter_mut().enumerate() {
+            let less = if are_relative { green[column] } else { 0 };
+            *texel = [
+                red[column].wrapping_add(less) as u8,
+                green[column] as u8,
+                blue[column].wrapping_add(less) as u8,
+                alpha[column] as u8,
+            ];
+        }
+    }
+}
