@@ -4,7 +4,7 @@ mod rows;
 mod sections;
 mod tables;
 
-use self::rows::{Coder, NOWHERE, Places, Plane, Predictor, Row};
+use self::rows::{Coder, LANES, NOWHERE, Places, Plane, Predictor, Row};
 use self::sections::{Hints, PLANES};
 use self::tables::{Model, NO_COUNTS, PlaneCounts};
 use super::layout::BlockMap;
@@ -151,6 +151,8 @@ struct Recorder {
 }
 
 impl Coder for Recorder {
+    const KNOWS: bool = true;
+
     fn predictor(&mut self, plane: &Plane, places: &Places) -> Predictor {
         let cheapest = Predictor::ALL.into_iter();
         let cheapest = cheapest.min_by_key(|predictor| rows::cost(plane, places, *predictor));
@@ -204,6 +206,8 @@ struct Player<'a> {
 }
 
 impl Coder for Player<'_> {
+    const KNOWS: bool = false;
+
     fn predictor(&mut self, _: &Plane, _: &Places) -> Predictor {
         let predictor = self.model.predictors[self.plane % PLANES];
         self.plane += 1;
@@ -216,7 +220,24 @@ impl Coder for Player<'_> {
         for (own, &context) in own.iter_mut().zip(contexts) {
             *own = map[usize::from(context)];
         }
-        self.symbols.decode(own, errors);
+        let sure = map[usize::from(NOWHERE)];
+        // Where no error can be other than 0, whole turns of the lanes are passed over: they leave them as they are.
+        let blank = [map[usize::from(NOWHERE)]; LANES];
+        let (turns, _) = own.as_chunks::<LANES>();
+        let mut turn = 0;
+        while turn < turns.len() {
+            let is_blank = turns[turn] == blank;
+            let alike = turns[turn..].iter().take_while(|own| (**own == blank) == is_blank);
+            let end = turn + alike.count();
+            let passed = LANES * turn..LANES * end;
+            if is_blank {
+                errors[passed].fill(0);
+            } else {
+                let contexts = turns[turn..end].as_flattened();
+                self.symbols.decode(contexts, &mut errors[passed]);
+            }
+            turn = end;
+        }
         row.sums(errors);
     }
 }

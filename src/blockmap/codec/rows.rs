@@ -3,7 +3,7 @@
 use crate::vectors::widened;
 
 /// Rows are as long as a multiple of this, so that lanes of the entropy coder fill them.
-const LANES: usize = 8;
+pub const LANES: usize = 8;
 /// Contexts of a zone: activities times companions.
 pub const ZONE_CONTEXTS: u8 = ACTIVITIES * COMPANIONS;
 const ACTIVITIES: u8 = 6;
@@ -88,6 +88,9 @@ impl Plane {
 
 /// What drives rows: an encoder that knows the values, or a decoder that finds them.
 pub trait Coder {
+    /// Whether planes hold values before they are passed.
+    const KNOWS: bool;
+
     /// The predictor of the next plane.
     fn predictor(&mut self, plane: &Plane, places: &Places) -> Predictor;
 
@@ -157,13 +160,14 @@ widened! {
     fn find_contexts(above: &[u8], companion: &[u8], zones: &[u8], contexts: &mut [u8]) {
         let width = contexts.len();
         let (above, companion, zones) = (&above[..width], &companion[..width], &zones[..width]);
-        for index in 0..width {
-            let around = 2 * above[index];
-            contexts[index] = around;
+        for (sum, &own) in contexts.iter_mut().zip(above) {
+            *sum = 2 * own;
         }
-        for index in 1..width {
-            contexts[index] += above[index - 1];
-            contexts[index - 1] += above[index];
+        for (sum, &left) in contexts[1..].iter_mut().zip(above) {
+            *sum += left;
+        }
+        for (sum, &right) in contexts.iter_mut().zip(&above[1..]) {
+            *sum += right;
         }
         for index in 0..width {
             let size = contexts[index];
@@ -185,14 +189,12 @@ widened! {
 impl Row<'_> {
     /// The errors of known values.
     pub fn differences(&mut self, errors: &mut [i32]) {
-        let (mut left, mut corner) = (0, 0);
-        for index in 0..self.values.len() {
-            let value = self.values[index];
-            let foreseen = self.foresee(index, left, corner);
-            let error = signed(i32::from(value) - i32::from(foreseen), self.bits);
-            errors[index] = if self.zones[index] == NOWHERE { 0 } else { error };
-            (left, corner) = (value, self.above[index]);
-        }
+        let (values, zones, bits) = (&*self.values, self.zones, self.bits);
+        self.foresee(|index, foreseen| {
+            let error = signed(i32::from(values[index]) - i32::from(foreseen), bits);
+            errors[index] = if zones[index] == NOWHERE { 0 } else { error };
+            values[index]
+        });
         find_sizes(errors, self.bits, self.sizes);
     }
 
@@ -200,49 +202,59 @@ impl Row<'_> {
     pub fn sums(&mut self, errors: &[i32]) {
         find_sizes(errors, self.bits, self.sizes);
         let mask = mask(self.bits);
-        match self.predictor {
-            Predictor::Above => add(self.values, self.above, errors, self.zones, mask),
-            Predictor::Left => {
-                let mut left = 0u16;
-                let known = errors.iter().zip(self.zones);
-                for (value, (&error, &zone)) in self.values.iter_mut().zip(known) {
-                    left = left.wrapping_add(error as u16) & kept(zone, mask);
-                    *value = left;
-                }
-            }
-            _ => {
-                let (mut left, mut corner) = (0, 0);
-                for (index, &error) in errors[..self.values.len()].iter().enumerate() {
-                    let foreseen = self.foresee(index, left, corner);
-                    left = foreseen.wrapping_add(error as u16) & kept(self.zones[index], mask);
-                    self.values[index] = left;
-                    corner = self.above[index];
-                }
-            }
+        if self.predictor == Predictor::Above {
+            return add(self.values, self.above, errors, self.zones, mask);
         }
+        let values = std::mem::take(&mut self.values);
+        let zones = &self.zones[..values.len()];
+        let errors = &errors[..values.len()];
+        self.foresee(|index, foreseen| {
+            let value = foreseen.wrapping_add(errors[index] as u16) & kept(zones[index], mask);
+            values[index] = value;
+            value
+        });
+        self.values = values;
     }
 
+    /// Foresees each value in turn; `pass` returns what it is.
     #[inline(always)]
-    fn foresee(&self, index: usize, left: u16, corner: u16) -> u16 {
-        let above = self.above[index];
+    fn foresee(&self, mut pass: impl FnMut(usize, u16) -> u16) {
+        let width = self.zones.len();
+        let (above, guides) = (&self.above[..width], &self.guides[..width]);
+        let pass = &mut pass;
         match self.predictor {
-            Predictor::Zero => 0,
-            Predictor::Left => left,
-            Predictor::Above => above,
-            Predictor::Gradient => {
-                let (low, high) = (left.min(above), left.max(above));
-                let plane = i32::from(left) + i32::from(above) - i32::from(corner);
-                plane.clamp(i32::from(low), i32::from(high)) as u16
-            }
-            Predictor::Mean => ((u32::from(left) + u32::from(above)) / 2) as u16,
-            Predictor::Guided => match self.guides[index] {
-                guide::ABOVE => above,
-                guide::CORNER => corner,
-                guide::ABOVE_RIGHT => self.above.get(index + 1).copied().unwrap_or(above),
-                _ => left,
-            },
+            Predictor::Zero => each(width, pass, |_, _| 0),
+            Predictor::Left => each(width, pass, |left, _| left),
+            Predictor::Above => each(width, pass, |_, index| above[index]),
+            Predictor::Gradient => each(width, pass, |left, index| gradient(left, above[index], above[index.max(1) - 1])),
+            Predictor::Mean => each(width, pass, |left, index| (left & above[index]) + ((left ^ above[index]) >> 1)),
+            Predictor::Guided => each(width, pass, |left, index| match guides[index] {
+                guide::LEFT => left,
+                guide::ABOVE => above[index],
+                guide::CORNER => above[index.max(1) - 1],
+                _ => above[(index + 1).min(width - 1)],
+            }),
         }
     }
+}
+
+#[inline(always)]
+fn each(
+    width: usize,
+    pass: &mut impl FnMut(usize, u16) -> u16,
+    foresee: impl Fn(u16, usize) -> u16,
+) {
+    let mut left = 0;
+    for index in 0..width {
+        left = pass(index, foresee(left, index));
+    }
+}
+
+#[inline(always)]
+fn gradient(left: u16, above: u16, corner: u16) -> u16 {
+    let (low, high) = (left.min(above), left.max(above));
+    let plane = i32::from(left) + i32::from(above) - i32::from(corner);
+    plane.clamp(i32::from(low), i32::from(high)) as u16
 }
 
 /// What is kept of a value: nothing where there is none.
@@ -288,6 +300,8 @@ pub fn cost(plane: &Plane, places: &Places, predictor: Predictor) -> u64 {
         total: u64,
     }
     impl Coder for Sum {
+        const KNOWS: bool = true;
+
         fn predictor(&mut self, _: &Plane, _: &Places) -> Predictor {
             self.predictor
         }

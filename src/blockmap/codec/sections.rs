@@ -1,6 +1,7 @@
 //! The planes of a block in the order of their bytes, and what the shape tells of the others.
 
 use super::rows::{Coder, NOWHERE, Places, Plane, ZONE_CONTEXTS, guide, mask, pass};
+use crate::vectors::widened;
 use crate::blockmap::layout::{BlockMap, WALL_COLUMNS};
 
 /// Planes of a block: heights, wall columns, two of roof normals, and four of roofs, walls, and normals of walls.
@@ -25,10 +26,10 @@ pub struct Hints {
 }
 
 /// Passes all planes of a block: reads them from its image and writes them back.
-pub fn walk(coder: &mut impl Coder, map: &mut BlockMap, hints: Hints) {
+pub fn walk<C: Coder>(coder: &mut C, map: &mut BlockMap, hints: Hints) {
     let side = map.side_texels;
     let shape = walk_shape(coder, map, hints.step);
-    let mut section = read(map, side, side, &every_row(map), true);
+    let mut section = read::<C>(map, side, side, &every_row(map), true);
     let mut before: Option<usize> = None;
     for channel in [1, 0, 2, 3] {
         let mut plane = std::mem::replace(&mut section[channel], Plane::new(0, 0, 8));
@@ -60,17 +61,21 @@ fn anywhere(width: usize, rows: usize) -> Places {
     }
 }
 
-fn walk_shape(coder: &mut impl Coder, map: &mut BlockMap, step: u16) -> Shape {
+fn walk_shape<C: Coder>(coder: &mut C, map: &mut BlockMap, step: u16) -> Shape {
     let side = map.side_texels;
     let bits = if map.low_heights.is_some() { 16 } else { 8 };
     let mut heights = Plane::new(side, side, bits);
-    for (index, height) in heights.values.iter_mut().enumerate() {
-        *height = map.height_code(index % side, index / side);
+    if C::KNOWS {
+        for (index, height) in heights.values.iter_mut().enumerate() {
+            *height = map.height_code(index % side, index / side);
+        }
     }
     pass(coder, &mut heights, &anywhere(side, side), None);
     let mut columns = Plane::new(side, side, 8);
     let expected = expected_walls(&heights.values, side, step);
-    put_columns(map, &expected, &mut columns.values);
+    if C::KNOWS {
+        put_columns(map, &expected, &mut columns.values);
+    }
     let mut places = anywhere(side, side);
     for (index, zone) in places.zones.iter_mut().enumerate() {
         let at = [index % side, index / side];
@@ -78,9 +83,9 @@ fn walk_shape(coder: &mut impl Coder, map: &mut BlockMap, step: u16) -> Shape {
         *zone = u8::from(expected[index]) + 2 * u8::from(is_border);
     }
     pass(coder, &mut columns, &places, None);
-    take_columns(map, &expected, &columns.values);
     let places = surroundings(&heights.values, side, bits);
-    let mut section = read(map, 0, side, &every_row(map), false);
+    let mut section = read::<C>(map, 0, side, &every_row(map), false);
+    take_columns(side * map.slice_rows(), &expected, &columns.values, &mut section[1].values);
     let (shape, normals) = section.split_at_mut(2);
     let (across, along) = normals.split_at_mut(1);
     pass(coder, &mut across[0], &places, Some(&heights));
@@ -98,17 +103,24 @@ fn walk_shape(coder: &mut impl Coder, map: &mut BlockMap, step: u16) -> Shape {
 
 /// Texels that stand more than `step` codes above one of their neighbours in the block.
 fn expected_walls(heights: &[u16], side: usize, step: u16) -> Vec<bool> {
-    let stands_out = |index: usize| {
-        let (column, row) = (index % side, index / side);
-        let above = |is_inside: bool, other: usize| {
-            is_inside && heights[index].saturating_sub(heights[other]) > step
-        };
-        above(column > 0, index.wrapping_sub(1))
-            || above(column + 1 < side, index + 1)
-            || above(row > 0, index.wrapping_sub(side))
-            || above(row + 1 < side, index + side)
-    };
-    (0..side * side).map(stands_out).collect()
+    let mut expected = vec![false; heights.len()];
+    let rows = heights.chunks_exact(side).zip(expected.chunks_exact_mut(side));
+    for (own, expected) in rows {
+        mark_higher(&own[..side - 1], &own[1..], step, expected);
+        mark_higher(&own[1..], &own[..side - 1], step, &mut expected[1..]);
+    }
+    let (south, north) = (&heights[..side * (side - 1)], &heights[side..]);
+    mark_higher(south, north, step, &mut expected);
+    mark_higher(north, south, step, &mut expected[side..]);
+    expected
+}
+
+widened! {
+    fn mark_higher(heights: &[u16], others: &[u16], step: u16, marks: &mut [bool]) {
+        for ((mark, &height), &other) in marks.iter_mut().zip(heights).zip(others) {
+            *mark |= height.saturating_sub(other) > step;
+        }
+    }
 }
 
 /// Codes of wall columns: 0 where there is a wall or none as expected, and its column is one more than the one before.
@@ -132,26 +144,28 @@ fn put_columns(map: &BlockMap, expected: &[bool], codes: &mut [u16]) {
     }
 }
 
-/// The inverse of [`put_columns`].
-fn take_columns(map: &mut BlockMap, expected: &[bool], codes: &[u16]) {
-    let (side, slice) = (map.side_texels, map.side_texels * map.slice_rows());
-    let mut last = 0;
-    for (index, &code) in codes.iter().enumerate() {
-        if index % slice == 0 {
-            last = 0;
+/// The inverse of [`put_columns`], for slices of so many texels.
+fn take_columns(slice: usize, expected: &[bool], codes: &[u16], walls: &mut [u16]) {
+    for ((codes, expected), walls) in codes
+        .chunks(slice)
+        .zip(expected.chunks(slice))
+        .zip(walls.chunks_mut(slice))
+    {
+        let mut last = 0;
+        for ((&code, &is_expected), wall) in codes.iter().zip(expected).zip(walls) {
+            let byte = code as u8;
+            let further = match (byte, is_expected) {
+                (NO_WALL, true) | (0, false) => {
+                    *wall = 0;
+                    continue;
+                }
+                (_, true) => i32::from(byte as i8),
+                (NO_WALL, false) => 127,
+                (_, false) => i32::from(byte as i8) - i32::from((byte as i8) > 0),
+            };
+            last = (last + further).rem_euclid(255) + 1;
+            *wall = last as u16;
         }
-        let byte = code as u8;
-        let further = match (byte, expected[index]) {
-            (NO_WALL, true) | (0, false) => None,
-            (_, true) => Some(i32::from(byte as i8)),
-            (NO_WALL, false) => Some(127),
-            (_, false) => Some(i32::from(byte as i8) - i32::from((byte as i8) > 0)),
-        };
-        let wall = further.map_or(0, |further| (last + further).rem_euclid(255) + 1);
-        last = if wall == 0 { last } else { wall };
-        let (column, row) = (index % side, index / side);
-        let [height, _, x, y] = map.at(column, row);
-        map.set(column, row, [height, wall as u8, x, y]);
     }
 }
 
@@ -160,41 +174,32 @@ fn surroundings(heights: &[u16], side: usize, bits: u32) -> Places {
     let mut places = anywhere(side, side);
     // Steps of roofs are smaller than those of walls; a 64th of the block's height parts them well enough.
     let small = mask(bits) / 64;
-    for index in side..side * side {
-        let column = index % side;
-        let own = heights[index];
-        let away = |is_inside: bool, other: usize| {
-            if is_inside {
-                heights[other].abs_diff(own)
-            } else {
-                u16::MAX
+    for row in 1..side {
+        let (before, own) = heights[(row - 1) * side..(row + 1) * side].split_at(side);
+        let guides = &mut places.guides[row * side..(row + 1) * side];
+        let zones = &mut places.zones[row * side..(row + 1) * side];
+        for column in 1..side - 1 {
+            let height = own[column];
+            let left = own[column - 1].abs_diff(height);
+            let above = before[column].abs_diff(height);
+            let corner = before[column - 1].abs_diff(height);
+            let above_right = before[column + 1].abs_diff(height);
+            let (mut least, mut best) = (left, guide::LEFT);
+            for (away, guide) in [(above, guide::ABOVE), (corner, guide::CORNER), (above_right, guide::ABOVE_RIGHT)] {
+                best = if away < least { guide } else { best };
+                least = least.min(away);
             }
-        };
-        let left = away(column > 0, index.wrapping_sub(1));
-        let others = [
-            (away(true, index - side), guide::ABOVE),
-            (away(column > 0, index.wrapping_sub(side + 1)), guide::CORNER),
-            (away(column + 1 < side, index - side + 1), guide::ABOVE_RIGHT),
-        ];
-        let (mut least, mut best) = (left, guide::LEFT);
-        for (away, guide) in others {
-            if away < least {
-                (least, best) = (away, guide);
-            }
+            guides[column] = best;
+            let farther = left.max(above);
+            let uneven = 2 + u8::from(least > small);
+            zones[column] = if farther > small { uneven } else { u8::from(farther > 0) };
         }
-        let is_even = left.max(others[0].0) <= small;
-        places.guides[index] = best;
-        places.zones[index] = match (is_even, least) {
-            (true, _) if left == 0 && others[0].0 == 0 => 0,
-            (true, _) => 1,
-            (false, least) if least <= small => 2,
-            (false, _) => 3,
-        };
+        guides[0] = guide::ABOVE;
     }
     places
 }
 
-fn walk_walls(coder: &mut impl Coder, map: &mut BlockMap, has_all_columns: bool) {
+fn walk_walls<C: Coder>(coder: &mut C, map: &mut BlockMap, has_all_columns: bool) {
     let (first, slice_rows) = (2 * map.side_texels, map.slice_rows());
     let is_normal = |row: &usize| row % slice_rows == slice_rows - 1;
     let (normals, colours): (Vec<usize>, Vec<usize>) = every_row(map).iter().partition(|row| is_normal(row));
@@ -215,7 +220,7 @@ fn walk_walls(coder: &mut impl Coder, map: &mut BlockMap, has_all_columns: bool)
                 };
             }
         }
-        let mut section = read(map, first, WALL_COLUMNS, &rows, is_relative);
+        let mut section = read::<C>(map, first, WALL_COLUMNS, &rows, is_relative);
         let mut before: Option<usize> = None;
         for channel in if is_relative { [1, 0, 2, 3] } else { [0, 1, 2, 3] } {
             let mut plane = std::mem::replace(&mut section[channel], Plane::new(0, 0, 8));
@@ -269,8 +274,11 @@ pub fn is_rest_blank(map: &BlockMap) -> bool {
 }
 
 /// The four channels of some columns and rows; red and blue less green where they `are_relative`.
-fn read(map: &BlockMap, first: usize, width: usize, rows: &[usize], are_relative: bool) -> [Plane; 4] {
+fn read<C: Coder>(map: &BlockMap, first: usize, width: usize, rows: &[usize], are_relative: bool) -> [Plane; 4] {
     let mut planes = [0; 4].map(|_| Plane::new(width, rows.len(), 8));
+    if !C::KNOWS {
+        return planes;
+    }
     for (line, &row) in rows.iter().enumerate() {
         let start = 4 * (row * map.width() + first);
         let texels = map.image[start..start + 4 * width].as_chunks::<4>().0;
@@ -293,8 +301,16 @@ fn write(map: &mut BlockMap, first: usize, width: usize, rows: &[usize], are_rel
         let [red, green, blue, alpha] = [0, 1, 2, 3].map(|channel| {
             &planes[channel].values[line * planes[channel].width..][..width]
         });
+        mix(texels, [red, green, blue, alpha], are_relative);
+    }
+}
+
+widened! {
+    fn mix(texels: &mut [[u8; 4]], channels: [&[u16]; 4], are_relative: bool) {
+        let [red, green, blue, alpha] = channels.map(|channel| &channel[..texels.len()]);
+        let mask = if are_relative { u16::MAX } else { 0 };
         for (column, texel) in texels.iter_mut().enumerate() {
-            let less = if are_relative { green[column] } else { 0 };
+            let less = green[column] & mask;
             *texel = [
                 red[column].wrapping_add(less) as u8,
                 green[column] as u8,

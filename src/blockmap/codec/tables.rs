@@ -5,13 +5,13 @@ use crate::entropy::binary::{BinaryDecoder, BinaryEncoder, Probability};
 use crate::entropy::frequency::{Counts, Decisions, Frequencies, TableModel, log2};
 use crate::entropy::token::SYMBOLS;
 
-/// Most tables of a block.
-const MOST_TABLES: usize = 64;
+/// Most tables of a block: as many as processors hold near.
+const MOST_TABLES: usize = 31;
 /// Bits of a table's number, and of a predictor's.
-const NUMBER_BITS: u32 = 6;
+const NUMBER_BITS: u32 = 5;
 const PREDICTOR_BITS: u32 = 3;
 /// What a table takes, about, in bits: as it is, and for each symbol that it has.
-const TABLE_BITS: u64 = 24;
+const TABLE_BITS: u64 = 40;
 const SYMBOL_BITS: u64 = 4;
 /// Sums are in 2^-16 bits.
 const BIT: u64 = 1 << 16;
@@ -21,7 +21,7 @@ const BIT: u64 = 1 << 16;
 pub struct Model {
     /// Of each plane.
     pub predictors: Vec<Predictor>,
-    /// For each plane the table of each context.
+    /// For each plane the table of each context; beyond the last one where all errors are 0.
     pub maps: Vec<[u8; 256]>,
     pub tables: Vec<Frequencies>,
 }
@@ -81,7 +81,15 @@ impl Model {
     /// The tables that make a block smallest, about.
     pub fn new(predictors: Vec<Predictor>, counts: &[PlaneCounts]) -> Model {
         let groups = grouped(counts);
+        let sure = groups.len() as u8;
         let mut maps = vec![[NOWHERE; 256]; counts.len()];
+        for (map, contexts) in maps.iter_mut().zip(counts) {
+            for (number, counts) in map.iter_mut().zip(contexts) {
+                if is_sure(counts) {
+                    *number = sure;
+                }
+            }
+        }
         for (number, group) in groups.iter().enumerate() {
             for &(plane, context) in &group.members {
                 maps[plane][context] = number as u8;
@@ -90,14 +98,13 @@ impl Model {
         let tables = groups.iter().map(|group| Frequencies::like(&group.counts, true));
         let tables: Vec<Frequencies> = tables.collect();
         // Contexts that do not come have what the one before has, which is cheapest to say.
-        let mut last = 0;
+        let mut last = sure;
         for number in maps.iter_mut().flat_map(|map| &mut map[..usize::from(NOWHERE)]) {
             if *number == NOWHERE {
                 *number = last;
             }
             last = *number;
         }
-        let sure = tables.len() as u8;
         maps.iter_mut().for_each(|map| map[usize::from(NOWHERE)] = sure);
         Model {
             predictors,
@@ -123,7 +130,7 @@ impl Model {
         let blank = Model {
             predictors: vec![Predictor::Zero; contexts.len()],
             maps: vec![[0; 256]; contexts.len()],
-            tables: vec![Frequencies::certain(0)],
+            tables: Vec::new(),
         };
         let (predictors, maps, count) = blank.pass(&mut decoder, contexts)?;
         let mut model = TableModel::default();
@@ -141,7 +148,7 @@ impl Model {
         coder: &mut impl Decisions,
         contexts: &[usize],
     ) -> Option<(Vec<Predictor>, Vec<[u8; 256]>, usize)> {
-        let count = coder.bits(self.tables.len() as u32 - 1, NUMBER_BITS) as usize + 1;
+        let count = coder.bits(self.tables.len() as u32, NUMBER_BITS) as usize;
         let mut same = Probability::default();
         let (mut predictors, mut maps) = (Vec::new(), Vec::new());
         let mut last = 0;
@@ -156,7 +163,7 @@ impl Model {
                 }
                 *number = last;
             }
-            if map.iter().any(|&number| usize::from(number) >= count) {
+            if map.iter().any(|&number| usize::from(number) > count) {
                 return None;
             }
             map[usize::from(NOWHERE)] = count as u8;
@@ -172,7 +179,7 @@ fn grouped(counts: &[PlaneCounts]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for (plane, contexts) in counts.iter().enumerate() {
         for (context, counts) in contexts.iter().enumerate() {
-            if counts.iter().all(|&count| count == 0) {
+            if counts.iter().all(|&count| count == 0) || is_sure(counts) {
                 continue;
             }
             let group = Group {
@@ -190,6 +197,11 @@ fn grouped(counts: &[PlaneCounts]) -> Vec<Group> {
         }
     }
     join_best(groups, &logarithms)
+}
+
+/// Whether there are errors and all are 0: they need no table.
+fn is_sure(counts: &Counts) -> bool {
+    counts[0] > 0 && counts[1..].iter().all(|&count| count == 0)
 }
 
 fn groups_gain(one: &Group, other: &Group, logarithms: &[u64]) -> bool {
