@@ -80,7 +80,13 @@ pub fn decode(
     let mut map = BlockMap::new(side_texels, corner, side).map_err(|error| error.to_string())?;
     map.slices = 1 << slices_log2;
     let [s, t, m, n, a, b, c, d] = rest[16..].try_into().unwrap_or_default();
-    let numbers: Vec<f32> = rest[..16].as_chunks().0.iter().copied().map(f32::from_le_bytes).collect();
+    let numbers: Vec<f32> = rest[..16]
+        .as_chunks()
+        .0
+        .iter()
+        .copied()
+        .map(f32::from_le_bytes)
+        .collect();
     if let [low, high, exposure, roof_slope] = numbers[..] {
         (map.heights, map.exposure, map.roof_slope) = ([low, high], exposure, roof_slope);
     }
@@ -90,7 +96,10 @@ pub fn decode(
         step: u16::from_le_bytes([s, t]),
         has_all_columns: flags & HAS_ALL_COLUMNS != 0,
     };
-    let (model, symbols) = (usize::from(u16::from_le_bytes([m, n])), u32::from_le_bytes([a, b, c, d]) as usize);
+    let (model, symbols) = (
+        usize::from(u16::from_le_bytes([m, n])),
+        u32::from_le_bytes([a, b, c, d]) as usize,
+    );
     let parts = body.split_at_checked(model);
     let parts = parts.and_then(|(model, rest)| Some((model, rest.get(..symbols)?)));
     let Some((model, symbols)) = parts else {
@@ -112,14 +121,17 @@ pub fn decode(
 }
 
 /// What is impossible about a block.
-fn check(map: &BlockMap) -> std::result::Result<(), String> {
+pub(super) fn check(map: &BlockMap) -> std::result::Result<(), String> {
     let numbers = [map.heights[0], map.heights[1], map.exposure, map.roof_slope];
     if numbers.iter().any(|number| !number.is_finite()) || numbers[0] > numbers[1] {
         return Err(format!("impossible heights or steps {numbers:?}"));
     }
     let texels = map.side_texels * map.side_texels;
     let is_whole = map.image.len() == super::layout::image_bytes(map.side_texels)
-        && map.low_heights.as_ref().is_none_or(|low| low.len() == texels);
+        && map
+            .low_heights
+            .as_ref()
+            .is_none_or(|low| low.len() == texels);
     let is_sliced = map.slices.is_power_of_two() && map.slices < map.side_texels;
     if !is_whole || !is_sliced || !matches!(map.side_texels, 32 | 64 | 128) {
         return Err(format!(
@@ -159,7 +171,8 @@ impl Coder for Recorder {
         let predictor = cheapest.unwrap_or(Predictor::Left);
         self.predictors.push(predictor);
         self.starts.push(self.contexts.len());
-        self.counts.push(vec![NO_COUNTS; usize::from(NOWHERE)]);
+        let contexts = sections::contexts()[self.counts.len() % PLANES];
+        self.counts.push(vec![NO_COUNTS; contexts]);
         predictor
     }
 
@@ -183,7 +196,10 @@ impl Recorder {
     /// The model and the symbols, as bytes.
     fn finish(mut self) -> (Vec<u8>, Vec<u8>) {
         let model = Model::new(self.predictors, &self.counts);
-        let ends = self.starts[1..].iter().copied().chain([self.contexts.len()]);
+        let ends = self.starts[1..]
+            .iter()
+            .copied()
+            .chain([self.contexts.len()]);
         for ((&start, end), map) in self.starts.iter().zip(ends).zip(&model.maps) {
             for context in &mut self.contexts[start..end] {
                 *context = map[usize::from(*context)];
@@ -216,7 +232,10 @@ impl Coder for Player<'_> {
 
     fn row(&mut self, contexts: &[u8], row: &mut Row) {
         let map = &self.model.maps[(self.plane - 1) % PLANES];
-        let (own, errors) = (&mut self.contexts[..contexts.len()], &mut self.errors[..contexts.len()]);
+        let (own, errors) = (
+            &mut self.contexts[..contexts.len()],
+            &mut self.errors[..contexts.len()],
+        );
         for (own, &context) in own.iter_mut().zip(contexts) {
             *own = map[usize::from(context)];
         }
@@ -227,7 +246,9 @@ impl Coder for Player<'_> {
         let mut turn = 0;
         while turn < turns.len() {
             let is_blank = turns[turn] == blank;
-            let alike = turns[turn..].iter().take_while(|own| (**own == blank) == is_blank);
+            let alike = turns[turn..]
+                .iter()
+                .take_while(|own| (**own == blank) == is_blank);
             let end = turn + alike.count();
             let passed = LANES * turn..LANES * end;
             if is_blank {

@@ -110,12 +110,7 @@ pub struct Row<'a> {
 }
 
 /// Passes all values of a plane; the errors of `companion`, at the same places, help to foresee the sizes of its own.
-pub fn pass(
-    coder: &mut impl Coder,
-    plane: &mut Plane,
-    places: &Places,
-    companion: Option<&Plane>,
-) {
+pub fn pass(coder: &mut impl Coder, plane: &mut Plane, places: &Places, companion: Option<&Plane>) {
     let predictor = coder.predictor(plane, places);
     let width = plane.width;
     let none = (vec![0u16; width], vec![0u8; width]);
@@ -226,8 +221,12 @@ impl Row<'_> {
             Predictor::Zero => each(width, pass, |_, _| 0),
             Predictor::Left => each(width, pass, |left, _| left),
             Predictor::Above => each(width, pass, |_, index| above[index]),
-            Predictor::Gradient => each(width, pass, |left, index| gradient(left, above[index], above[index.max(1) - 1])),
-            Predictor::Mean => each(width, pass, |left, index| (left & above[index]) + ((left ^ above[index]) >> 1)),
+            Predictor::Gradient => each(width, pass, |left, index| {
+                gradient(left, above[index], above[index.max(1) - 1])
+            }),
+            Predictor::Mean => each(width, pass, |left, index| {
+                (left & above[index]) + ((left ^ above[index]) >> 1)
+            }),
             Predictor::Guided => each(width, pass, |left, index| match guides[index] {
                 guide::LEFT => left,
                 guide::ABOVE => above[index],

@@ -1,8 +1,8 @@
 //! The planes of a block in the order of their bytes, and what the shape tells of the others.
 
 use super::rows::{Coder, NOWHERE, Places, Plane, ZONE_CONTEXTS, guide, mask, pass};
-use crate::vectors::widened;
 use crate::blockmap::layout::{BlockMap, WALL_COLUMNS};
+use crate::vectors::widened;
 
 /// Planes of a block: heights, wall columns, two of roof normals, and four of roofs, walls, and normals of walls.
 pub const PLANES: usize = 16;
@@ -34,8 +34,15 @@ pub fn walk<C: Coder>(coder: &mut C, map: &mut BlockMap, hints: Hints) {
     for channel in [1, 0, 2, 3] {
         let mut plane = std::mem::replace(&mut section[channel], Plane::new(0, 0, 8));
         // Occlusion has more to do with heights than with colours.
-        let companion = before.filter(|_| channel != 3).map(|before| &section[before]);
-        pass(coder, &mut plane, &shape.places, companion.or(Some(&shape.heights)));
+        let companion = before
+            .filter(|_| channel != 3)
+            .map(|before| &section[before]);
+        pass(
+            coder,
+            &mut plane,
+            &shape.places,
+            companion.or(Some(&shape.heights)),
+        );
         section[channel] = plane;
         before = Some(channel);
     }
@@ -77,15 +84,29 @@ fn walk_shape<C: Coder>(coder: &mut C, map: &mut BlockMap, step: u16) -> Shape {
         put_columns(map, &expected, &mut columns.values);
     }
     let mut places = anywhere(side, side);
-    for (index, zone) in places.zones.iter_mut().enumerate() {
-        let at = [index % side, index / side];
-        let is_border = at.iter().any(|&along| along == 0 || along == side - 1);
-        *zone = u8::from(expected[index]) + 2 * u8::from(is_border);
+    for (zone, &is_expected) in places.zones.iter_mut().zip(&expected) {
+        *zone = u8::from(is_expected);
+    }
+    // A texel at the border may stand above one outside.
+    for along in 0..side {
+        for index in [
+            along,
+            side * (side - 1) + along,
+            side * along,
+            side * along + side - 1,
+        ] {
+            places.zones[index] |= 2;
+        }
     }
     pass(coder, &mut columns, &places, None);
     let places = surroundings(&heights.values, side, bits);
     let mut section = read::<C>(map, 0, side, &every_row(map), false);
-    take_columns(side * map.slice_rows(), &expected, &columns.values, &mut section[1].values);
+    take_columns(
+        side * map.slice_rows(),
+        &expected,
+        &columns.values,
+        &mut section[1].values,
+    );
     let (shape, normals) = section.split_at_mut(2);
     let (across, along) = normals.split_at_mut(1);
     pass(coder, &mut across[0], &places, Some(&heights));
@@ -104,7 +125,9 @@ fn walk_shape<C: Coder>(coder: &mut C, map: &mut BlockMap, step: u16) -> Shape {
 /// Texels that stand more than `step` codes above one of their neighbours in the block.
 fn expected_walls(heights: &[u16], side: usize, step: u16) -> Vec<bool> {
     let mut expected = vec![false; heights.len()];
-    let rows = heights.chunks_exact(side).zip(expected.chunks_exact_mut(side));
+    let rows = heights
+        .chunks_exact(side)
+        .zip(expected.chunks_exact_mut(side));
     for (own, expected) in rows {
         mark_higher(&own[..side - 1], &own[1..], step, expected);
         mark_higher(&own[1..], &own[..side - 1], step, &mut expected[1..]);
@@ -185,14 +208,22 @@ fn surroundings(heights: &[u16], side: usize, bits: u32) -> Places {
             let corner = before[column - 1].abs_diff(height);
             let above_right = before[column + 1].abs_diff(height);
             let (mut least, mut best) = (left, guide::LEFT);
-            for (away, guide) in [(above, guide::ABOVE), (corner, guide::CORNER), (above_right, guide::ABOVE_RIGHT)] {
+            for (away, guide) in [
+                (above, guide::ABOVE),
+                (corner, guide::CORNER),
+                (above_right, guide::ABOVE_RIGHT),
+            ] {
                 best = if away < least { guide } else { best };
                 least = least.min(away);
             }
             guides[column] = best;
             let farther = left.max(above);
             let uneven = 2 + u8::from(least > small);
-            zones[column] = if farther > small { uneven } else { u8::from(farther > 0) };
+            zones[column] = if farther > small {
+                uneven
+            } else {
+                u8::from(farther > 0)
+            };
         }
         guides[0] = guide::ABOVE;
     }
@@ -202,7 +233,8 @@ fn surroundings(heights: &[u16], side: usize, bits: u32) -> Places {
 fn walk_walls<C: Coder>(coder: &mut C, map: &mut BlockMap, has_all_columns: bool) {
     let (first, slice_rows) = (2 * map.side_texels, map.slice_rows());
     let is_normal = |row: &usize| row % slice_rows == slice_rows - 1;
-    let (normals, colours): (Vec<usize>, Vec<usize>) = every_row(map).iter().partition(|row| is_normal(row));
+    let (normals, colours): (Vec<usize>, Vec<usize>) =
+        every_row(map).iter().partition(|row| is_normal(row));
     let columns = slice_columns(map, has_all_columns);
     for (rows, is_relative) in [(colours, true), (normals, false)] {
         let mut places = anywhere(WALL_COLUMNS, rows.len());
@@ -222,9 +254,18 @@ fn walk_walls<C: Coder>(coder: &mut C, map: &mut BlockMap, has_all_columns: bool
         }
         let mut section = read::<C>(map, first, WALL_COLUMNS, &rows, is_relative);
         let mut before: Option<usize> = None;
-        for channel in if is_relative { [1, 0, 2, 3] } else { [0, 1, 2, 3] } {
+        for channel in if is_relative {
+            [1, 0, 2, 3]
+        } else {
+            [0, 1, 2, 3]
+        } {
             let mut plane = std::mem::replace(&mut section[channel], Plane::new(0, 0, 8));
-            pass(coder, &mut plane, &places, before.map(|before| &section[before]));
+            pass(
+                coder,
+                &mut plane,
+                &places,
+                before.map(|before| &section[before]),
+            );
             section[channel] = plane;
             before = Some(channel);
         }
@@ -268,13 +309,24 @@ pub fn is_rest_blank(map: &BlockMap) -> bool {
     let columns = slice_columns(map, false);
     (0..map.side_texels).all(|row| {
         let slice = &columns[row / map.slice_rows()];
-        let unused = slice.iter().enumerate().filter(|(_, column)| column.is_none());
-        unused.into_iter().all(|(column, _)| map.at(2 * map.side_texels + column, row) == [0; 4])
+        let unused = slice
+            .iter()
+            .enumerate()
+            .filter(|(_, column)| column.is_none());
+        unused
+            .into_iter()
+            .all(|(column, _)| map.at(2 * map.side_texels + column, row) == [0; 4])
     })
 }
 
 /// The four channels of some columns and rows; red and blue less green where they `are_relative`.
-fn read<C: Coder>(map: &BlockMap, first: usize, width: usize, rows: &[usize], are_relative: bool) -> [Plane; 4] {
+fn read<C: Coder>(
+    map: &BlockMap,
+    first: usize,
+    width: usize,
+    rows: &[usize],
+    are_relative: bool,
+) -> [Plane; 4] {
     let mut planes = [0; 4].map(|_| Plane::new(width, rows.len(), 8));
     if !C::KNOWS {
         return planes;
@@ -284,7 +336,12 @@ fn read<C: Coder>(map: &BlockMap, first: usize, width: usize, rows: &[usize], ar
         let texels = map.image[start..start + 4 * width].as_chunks::<4>().0;
         for (column, &[red, green, blue, alpha]) in texels.iter().enumerate() {
             let less = if are_relative { green } else { 0 };
-            let values = [red.wrapping_sub(less), green, blue.wrapping_sub(less), alpha];
+            let values = [
+                red.wrapping_sub(less),
+                green,
+                blue.wrapping_sub(less),
+                alpha,
+            ];
             for (plane, value) in planes.iter_mut().zip(values) {
                 plane.values[line * plane.width + column] = u16::from(value);
             }
@@ -294,13 +351,19 @@ fn read<C: Coder>(map: &BlockMap, first: usize, width: usize, rows: &[usize], ar
 }
 
 /// The inverse of [`read`].
-fn write(map: &mut BlockMap, first: usize, width: usize, rows: &[usize], are_relative: bool, planes: &[Plane; 4]) {
+fn write(
+    map: &mut BlockMap,
+    first: usize,
+    width: usize,
+    rows: &[usize],
+    are_relative: bool,
+    planes: &[Plane; 4],
+) {
     for (line, &row) in rows.iter().enumerate() {
         let start = 4 * (row * map.width() + first);
         let texels = map.image[start..start + 4 * width].as_chunks_mut::<4>().0;
-        let [red, green, blue, alpha] = [0, 1, 2, 3].map(|channel| {
-            &planes[channel].values[line * planes[channel].width..][..width]
-        });
+        let [red, green, blue, alpha] = [0, 1, 2, 3]
+            .map(|channel| &planes[channel].values[line * planes[channel].width..][..width]);
         mix(texels, [red, green, blue, alpha], are_relative);
     }
 }

@@ -95,17 +95,23 @@ impl Model {
                 maps[plane][context] = number as u8;
             }
         }
-        let tables = groups.iter().map(|group| Frequencies::like(&group.counts, true));
+        let tables = groups
+            .iter()
+            .map(|group| Frequencies::like(&group.counts, true));
         let tables: Vec<Frequencies> = tables.collect();
         // Contexts that do not come have what the one before has, which is cheapest to say.
         let mut last = sure;
-        for number in maps.iter_mut().flat_map(|map| &mut map[..usize::from(NOWHERE)]) {
+        for number in maps
+            .iter_mut()
+            .flat_map(|map| &mut map[..usize::from(NOWHERE)])
+        {
             if *number == NOWHERE {
                 *number = last;
             }
             last = *number;
         }
-        maps.iter_mut().for_each(|map| map[usize::from(NOWHERE)] = sure);
+        maps.iter_mut()
+            .for_each(|map| map[usize::from(NOWHERE)] = sure);
         Model {
             predictors,
             maps,
@@ -215,11 +221,20 @@ fn join_best(mut groups: Vec<Group>, logarithms: &[u64]) -> Vec<Group> {
     };
     let mut prices: Vec<Vec<i64>> = Vec::new();
     for (index, group) in groups.iter().enumerate() {
-        prices.push(groups[..index].iter().map(|other| price(other, group)).collect());
+        prices.push(
+            groups[..index]
+                .iter()
+                .map(|other| price(other, group))
+                .collect(),
+        );
     }
     loop {
         let pairs = prices.iter().enumerate();
-        let pairs = pairs.flat_map(|(one, row)| row.iter().enumerate().map(move |(other, price)| (*price, one, other)));
+        let pairs = pairs.flat_map(|(one, row)| {
+            row.iter()
+                .enumerate()
+                .map(move |(other, price)| (*price, one, other))
+        });
         let Some((best, one, other)) = pairs.min() else {
             return groups;
         };
@@ -233,7 +248,10 @@ fn join_best(mut groups: Vec<Group>, logarithms: &[u64]) -> Vec<Group> {
         let last = groups.len();
         prices.truncate(last);
         for index in (0..last).filter(|index| *index == one || *index == other) {
-            prices[index] = groups[..index].iter().map(|group| price(group, &groups[index])).collect();
+            prices[index] = groups[..index]
+                .iter()
+                .map(|group| price(group, &groups[index]))
+                .collect();
             for after in index + 1..last {
                 prices[after][index] = price(&groups[index], &groups[after]);
             }
