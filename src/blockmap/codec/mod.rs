@@ -239,7 +239,6 @@ impl Coder for Player<'_> {
         for (own, &context) in own.iter_mut().zip(contexts) {
             *own = map[usize::from(context)];
         }
-        let sure = map[usize::from(NOWHERE)];
         // Where no error can be other than 0, whole turns of the lanes are passed over: they leave them as they are.
         let blank = [map[usize::from(NOWHERE)]; LANES];
         let (turns, _) = own.as_chunks::<LANES>();

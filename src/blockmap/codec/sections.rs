@@ -236,53 +236,55 @@ fn walk_walls<C: Coder>(coder: &mut C, map: &mut BlockMap, has_all_columns: bool
     let (normals, colours): (Vec<usize>, Vec<usize>) =
         every_row(map).iter().partition(|row| is_normal(row));
     let columns = slice_columns(map, has_all_columns);
-    for (rows, is_relative) in [(colours, true), (normals, false)] {
+    for (rows, are_colours) in [(colours, true), (normals, false)] {
         let mut places = anywhere(WALL_COLUMNS, rows.len());
-        places.period = if is_relative { slice_rows - 1 } else { 1 };
-        for (line, zones) in places.zones.chunks_exact_mut(WALL_COLUMNS).enumerate() {
-            let slice = &columns[rows[line] / slice_rows];
-            for (zone, column) in zones.iter_mut().zip(slice) {
-                *zone = match column {
-                    None => NOWHERE,
-                    Some(_) if !is_relative => 0,
-                    Some([low, top]) => {
-                        let above = rows[line] % slice_rows;
-                        u8::from(above >= *low) + u8::from(above >= *top) + u8::from(above > *top)
-                    }
-                };
+        places.period = if are_colours { slice_rows - 1 } else { 1 };
+        for (&row, zones) in rows.iter().zip(places.zones.chunks_exact_mut(WALL_COLUMNS)) {
+            let within = are_colours.then_some(row % slice_rows);
+            for (zone, column) in zones.iter_mut().zip(&columns[row / slice_rows]) {
+                *zone = wall_zone(*column, within);
             }
         }
-        let mut section = read::<C>(map, first, WALL_COLUMNS, &rows, is_relative);
-        let mut before: Option<usize> = None;
-        for channel in if is_relative {
+        let mut section = read::<C>(map, first, WALL_COLUMNS, &rows, are_colours);
+        let order = if are_colours {
             [1, 0, 2, 3]
         } else {
             [0, 1, 2, 3]
-        } {
+        };
+        let mut before: Option<usize> = None;
+        for channel in order {
             let mut plane = std::mem::replace(&mut section[channel], Plane::new(0, 0, 8));
-            pass(
-                coder,
-                &mut plane,
-                &places,
-                before.map(|before| &section[before]),
-            );
+            let companion = before.map(|before| &section[before]);
+            pass(coder, &mut plane, &places, companion);
             section[channel] = plane;
             before = Some(channel);
         }
-        write(map, first, WALL_COLUMNS, &rows, is_relative, &section);
+        write(map, first, WALL_COLUMNS, &rows, are_colours, &section);
     }
 }
 
-/// Of each column of each slice that is stored the rows of its wall's foot and top; what is beyond is never seen.
+/// The zone of a column in a row of colours of its slice, or in that of its normal: below its foot, below its top, at it, above.
+fn wall_zone(column: Option<[usize; 2]>, row: Option<usize>) -> u8 {
+    match (column, row) {
+        (None, _) => NOWHERE,
+        (Some(_), None) => 0,
+        (Some([low, top]), Some(row)) => {
+            u8::from(row >= low) + u8::from(row >= top) + u8::from(row > top)
+        }
+    }
+}
+
+/// Of each column of each slice that is stored the rows of its wall's foot and top, by the first texel that has it; what is beyond
+/// is never seen. Columns that no texel has reach all over.
 fn slice_columns(map: &BlockMap, has_all: bool) -> Vec<[Option<[usize; 2]>; WALL_COLUMNS]> {
     let (side, rows) = (map.side_texels, map.wall_rows());
-    let unknown = has_all.then_some([0, rows]);
-    let mut slices = vec![[unknown; WALL_COLUMNS]; map.slices];
+    let mut slices = vec![[None; WALL_COLUMNS]; map.slices];
     let place = |code: u16| usize::from(code) * rows / usize::from(map.top_code());
     for index in 0..side * side {
         let (column, row) = (index % side, index / side);
         let wall = usize::from(map.wall_column(column, row));
-        if wall == 0 {
+        let known = &mut slices[row / map.slice_rows()][wall];
+        if wall == 0 || known.is_some() {
             continue;
         }
         let around = [
@@ -294,12 +296,11 @@ fn slice_columns(map: &BlockMap, has_all: bool) -> Vec<[Option<[usize; 2]>; WALL
         let inside = around.into_iter().filter(|&(c, r)| c < side && r < side);
         let heights = inside.map(|(c, r)| map.height_code(c, r));
         let low = heights.min().unwrap_or(0);
-        let own = [place(low), place(map.height_code(column, row))];
-        let known = &mut slices[row / map.slice_rows()][wall];
-        *known = Some(match known {
-            Some([low, top]) if *top < rows || *low > 0 => [own[0].min(*low), own[1].max(*top)],
-            _ => own,
-        });
+        *known = Some([place(low), place(map.height_code(column, row))]);
+    }
+    if has_all {
+        let unknown = slices.iter_mut().flatten().filter(|known| known.is_none());
+        unknown.for_each(|known| *known = Some([0, rows]));
     }
     slices
 }
