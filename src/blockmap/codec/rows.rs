@@ -184,8 +184,9 @@ widened! {
 impl Row<'_> {
     /// The errors of known values.
     pub fn differences(&mut self, errors: &mut [i32]) {
-        let (values, zones, bits) = (&*self.values, self.zones, self.bits);
-        self.foresee(|index, foreseen| {
+        let (values, bits) = (&*self.values, self.bits);
+        let zones = &self.zones[..values.len()];
+        self.foresee(values.len(), |index, foreseen| {
             let error = signed(i32::from(values[index]) - i32::from(foreseen), bits);
             errors[index] = if zones[index] == NOWHERE { 0 } else { error };
             values[index]
@@ -203,7 +204,7 @@ impl Row<'_> {
         let values = std::mem::take(&mut self.values);
         let zones = &self.zones[..values.len()];
         let errors = &errors[..values.len()];
-        self.foresee(|index, foreseen| {
+        self.foresee(values.len(), |index, foreseen| {
             let value = foreseen.wrapping_add(errors[index] as u16) & kept(zones[index], mask);
             values[index] = value;
             value
@@ -213,8 +214,7 @@ impl Row<'_> {
 
     /// Foresees each value in turn; `pass` returns what it is.
     #[inline(always)]
-    fn foresee(&self, mut pass: impl FnMut(usize, u16) -> u16) {
-        let width = self.zones.len();
+    fn foresee(&self, width: usize, mut pass: impl FnMut(usize, u16) -> u16) {
         let (above, guides) = (&self.above[..width], &self.guides[..width]);
         let pass = &mut pass;
         match self.predictor {

@@ -280,23 +280,25 @@ fn slice_columns(map: &BlockMap, has_all: bool) -> Vec<[Option<[usize; 2]>; WALL
     let (side, rows) = (map.side_texels, map.wall_rows());
     let mut slices = vec![[None; WALL_COLUMNS]; map.slices];
     let place = |code: u16| usize::from(code) * rows / usize::from(map.top_code());
-    for index in 0..side * side {
-        let (column, row) = (index % side, index / side);
-        let wall = usize::from(map.wall_column(column, row));
-        let known = &mut slices[row / map.slice_rows()][wall];
-        if wall == 0 || known.is_some() {
-            continue;
+    let rows_of_slice = map.slice_rows();
+    for row in 0..side {
+        let slice = &mut slices[row / rows_of_slice];
+        for column in 0..side {
+            let wall = usize::from(map.wall_column(column, row));
+            if wall == 0 || slice[wall].is_some() {
+                continue;
+            }
+            let around = [
+                (column.wrapping_sub(1), row),
+                (column + 1, row),
+                (column, row.wrapping_sub(1)),
+                (column, row + 1),
+            ];
+            let inside = around.into_iter().filter(|&(c, r)| c < side && r < side);
+            let heights = inside.map(|(c, r)| map.height_code(c, r));
+            let low = heights.min().unwrap_or(0);
+            slice[wall] = Some([place(low), place(map.height_code(column, row))]);
         }
-        let around = [
-            (column.wrapping_sub(1), row),
-            (column + 1, row),
-            (column, row.wrapping_sub(1)),
-            (column, row + 1),
-        ];
-        let inside = around.into_iter().filter(|&(c, r)| c < side && r < side);
-        let heights = inside.map(|(c, r)| map.height_code(c, r));
-        let low = heights.min().unwrap_or(0);
-        *known = Some([place(low), place(map.height_code(column, row))]);
     }
     if has_all {
         let unknown = slices.iter_mut().flatten().filter(|known| known.is_none());

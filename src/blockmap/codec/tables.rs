@@ -6,7 +6,7 @@ use crate::entropy::frequency::{Counts, Decisions, Frequencies, TableModel, log2
 use crate::entropy::token::SYMBOLS;
 
 /// Most tables of a block: as many as processors hold near.
-const MOST_TABLES: usize = 31;
+const MOST_TABLES: usize = 24;
 /// Bits of a table's number, and of a predictor's.
 const NUMBER_BITS: u32 = 5;
 const PREDICTOR_BITS: u32 = 3;
