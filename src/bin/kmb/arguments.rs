@@ -249,9 +249,12 @@ pub struct Update {
 #[derive(Args)]
 pub struct Extract {
     pub file: PathBuf,
-    /// The GeoTIFF to write
-    #[arg(short, long, value_name = "OUT.tif")]
+    /// The GeoTIFF to write, of a city's block the PNG
+    #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
+    /// The BlockMap of a node of a city, 0 for the root
+    #[arg(long, value_name = "N", conflicts_with_all = ["level", "bbox"])]
+    pub block: Option<u32>,
     /// An even level; the finest by default, every two levels less double the distance between samples
     #[arg(long, value_name = "L")]
     pub level: Option<u32>,

@@ -4,7 +4,9 @@ use crate::arguments;
 use crate::commands::{Outcome, open_heights, start_progress};
 use crate::report::Report;
 use kimberlite::blockmap::source::{SourceOptions, read};
-use kimberlite::blockmap::{BakeOptions, City, CityOptions, Ground, Ray, Scene, Visit, build_city};
+use kimberlite::blockmap::{
+    BakeOptions, City, CityOptions, Ground, Ray, Scene, Visit, build_city, write_png,
+};
 use kimberlite::cut::{DiamondSource, Query};
 use kimberlite::store::Access;
 use kimberlite::tool::{self, Original, Render, peak_memory_bytes};
@@ -198,4 +200,14 @@ pub fn open_city(file: &Path) -> Result<Option<City>> {
         Err(Error::Input { message, .. }) if message == "it is not a city" => Ok(None),
         opened => opened.map(Some),
     }
+}
+
+/// The BlockMap of a node as an image.
+pub fn extract(file: &Path, node: u32, output: &Path) -> Result<Report> {
+    let map = City::open(file, Access::Map)?.read(node)?;
+    write_png(&map, output)?;
+    Ok(Report::default()
+        .with("width", map.width())
+        .with("height", map.side_texels)
+        .with("slices", map.slices))
 }
