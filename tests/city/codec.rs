@@ -132,7 +132,7 @@ fn every_size_and_content_comes_back() {
     for side_log2 in 5..=7 {
         for slices_log2 in 0..side_log2 {
             for content in CONTENTS {
-                let seed = u64::from(10 * side_log2 + slices_log2);
+                let seed = (10 * side_log2 + slices_log2) as u64;
                 let has_16_bits = slices_log2 % 2 == 1;
                 let map = block(1 << side_log2, 1 << slices_log2, has_16_bits, content, seed);
                 assert_eq!(read(&encode(&map).unwrap()).unwrap(), map, "{content:?}");
