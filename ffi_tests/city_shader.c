@@ -186,6 +186,18 @@ static void draw(struct bench *bench, const kmb_view *view)
     CHECK(glGetError() == GL_NO_ERROR);
 }
 
+static void begin(struct bench *bench)
+{
+    CHECK_STATUS(KMB_OK, kmb_city_visit_create(bench->city, 0, &bench->visit));
+    CHECK(city_drawing_create(&bench->drawing, bench->city, KMB_SHADERS) == 0);
+}
+
+static void end(struct bench *bench)
+{
+    city_drawing_destroy(&bench->drawing);
+    kmb_city_visit_destroy(bench->visit);
+}
+
 static void see(struct bench *bench, int number, int views)
 {
     static const double TOLERANCES[3] = {0, 1, 4};
@@ -193,8 +205,12 @@ static void see(struct bench *bench, int number, int views)
     kmb_budget budget = no_limits();
     kmb_city_stats stats = {.struct_size = sizeof stats};
     view.tolerance = TOLERANCES[number % 3];
-    /* Every second view waits for blocks. */
-    if (number % 2) budget.refinements = 4;
+    /* Every second view begins anew, and waits for blocks. */
+    if (number % 2) {
+        end(bench);
+        begin(bench);
+        budget.refinements = 3 + 2 * (uint64_t)number;
+    }
     CHECK_STATUS(KMB_OK, kmb_city_visit_update(bench->visit, &view, &budget, &stats));
     CHECK_STATUS(KMB_OK, city_drawing_update(&bench->drawing, bench->visit));
     bench->found.partial += (long)stats.partial;
@@ -223,8 +239,7 @@ static void compare_city(const char *path, int views, int size)
     CHECK(context && OSMesaMakeCurrent(context, bench.pixels, GL_UNSIGNED_BYTE, size, size));
     CHECK_STATUS(KMB_OK, kmb_city_open(path, KMB_ACCESS_MAP, &bench.city));
     CHECK_STATUS(KMB_OK, kmb_city_describe(bench.city, &bench.info));
-    CHECK_STATUS(KMB_OK, kmb_city_visit_create(bench.city, 0, &bench.visit));
-    CHECK(city_drawing_create(&bench.drawing, bench.city, KMB_SHADERS) == 0);
+    begin(&bench);
     for (int number = 0; number < views; number++) see(&bench, number, views);
     struct comparison *found = &bench.found;
     double compared = (double)(found->pixels - found->holes - found->ghosts);
@@ -233,9 +248,8 @@ static void compare_city(const char *path, int views, int size)
            found->psnr_min, 100 * (double)found->near / compared, found->largest_difference, found->holes, found->ghosts,
            found->partial);
     CHECK(found->psnr_min >= 40 && (double)found->near >= 0.999 * compared);
-    CHECK(found->holes == 0);
-    city_drawing_destroy(&bench.drawing);
-    kmb_city_visit_destroy(bench.visit);
+    CHECK(found->holes == 0 && (views < 8 || found->partial > 0));
+    end(&bench);
     kmb_city_close(bench.city);
     OSMesaDestroyContext(context);
     free(bench.pixels), free(bench.depths), free(bench.rays), free(bench.hits);
