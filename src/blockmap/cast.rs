@@ -7,6 +7,11 @@
 use super::layout::BlockMap;
 use std::ops::Deref;
 
+/// Most levels of squares of a block, the texels' own among them.
+const LEVELS: usize = 8;
+/// Levels below the highest at which a walk starts: most blocks have something high in every large square.
+const FIRST_DESCENT: u32 = 3;
+
 /// A half line in metres.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
@@ -45,15 +50,28 @@ pub struct Caster<M> {
     map: M,
     /// Down to where the prisms reach.
     floor: f64,
-    /// Heights row by row; of squares of 2^level texels the greatest, level by level.
-    levels: Vec<Vec<f32>>,
+    /// Heights row by row; then of squares of 2^level texels the greatest, level by level.
+    heights: Vec<f32>,
+    /// Where each level begins.
+    starts: [usize; LEVELS],
+    /// The level of one square.
+    top_level: u32,
+    /// Columns of walls, row by row.
+    walls: Vec<u8>,
     /// Height of the steepest step of a roof.
     step: f32,
 }
 
+/// A ray with what all boxes ask of it.
+pub(super) struct Beam {
+    origin: [f64; 3],
+    direction: [f64; 3],
+    inverse: [f64; 3],
+}
+
 /// How a ray comes into the block.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Entry {
+pub(super) enum Entry {
     /// Through a side.
     Side,
     /// From above, or it starts inside.
@@ -65,18 +83,20 @@ struct Walk {
     origin: [f32; 3],
     direction: [f32; 3],
     inverse: [f32; 2],
-    /// Whether the axis runs against the texels.
-    is_mirrored: [bool; 2],
+    /// Infinite along an axis that the ray does not move along, whose lines it never crosses; else 0.
+    never: [f32; 2],
+    /// All ones along an axis that runs against the texels.
+    mirror: [i32; 2],
     end: f32,
     entry: Entry,
-    last: u32,
+    last: i32,
 }
 
 /// A hit along a walk.
 #[derive(Clone, Copy)]
 struct Met {
     distance: f32,
-    texel: [u32; 2],
+    texel: [i32; 2],
     height: f32,
     is_wall: bool,
 }
@@ -84,23 +104,29 @@ struct Met {
 impl<M: Deref<Target = BlockMap>> Caster<M> {
     /// For rays against a block whose prisms reach down to `floor`, in metres.
     pub fn new(map: M, floor: f64) -> Caster<M> {
-        let mut levels = vec![map.height_field()];
-        let mut side = map.side_texels;
-        while side > 1 {
-            let finer = &levels[levels.len() - 1];
-            let half = side / 2;
-            let texels = (0..half * half).map(|index| {
-                let first = 2 * (index / half) * side + 2 * (index % half);
+        let mut heights = map.height_field();
+        let mut starts = [0; LEVELS];
+        let top_level = map.side_texels.ilog2();
+        for level in 1..=top_level {
+            let finer = starts[level as usize - 1];
+            let (side, half) = (map.side_texels >> (level - 1), map.side_texels >> level);
+            starts[level as usize] = heights.len();
+            for index in 0..half * half {
+                let first = finer + 2 * (index / half) * side + 2 * (index % half);
                 let four = [first, first + 1, first + side, first + side + 1];
-                four.iter()
-                    .fold(f32::NEG_INFINITY, |most, &at| most.max(finer[at]))
-            });
-            levels.push(texels.collect());
-            side = half;
+                let most = four.map(|at| heights[at]).into_iter();
+                heights.push(most.fold(f32::NEG_INFINITY, f32::max));
+            }
         }
+        let side = map.side_texels;
         Caster {
             floor,
-            levels,
+            heights,
+            starts,
+            top_level,
+            walls: (0..side * side)
+                .map(|index| map.wall_column(index % side, index / side))
+                .collect(),
             step: map.roof_slope * map.texel() as f32,
             map,
         }
@@ -108,27 +134,31 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
 
     /// The nearest hit, by a visit to every texel on the way.
     pub fn exact(&self, ray: &Ray) -> Option<Hit> {
-        let (walk, start) = self.enter(ray)?;
+        let (walk, start) = self.enter(&Beam::new(ray))?;
         let met = self.walk(&walk)?;
         Some(self.told(&walk, start, met))
     }
 
     /// The nearest hit; equal to [`exact`](Self::exact)'s.
     pub fn fast(&self, ray: &Ray) -> Option<Hit> {
-        let (walk, start) = self.enter(ray)?;
+        self.hit(&Beam::new(ray))
+    }
+
+    pub(super) fn hit(&self, beam: &Beam) -> Option<Hit> {
+        let (walk, start) = self.enter(beam)?;
         let met = self.leap(&walk)?;
         Some(self.told(&walk, start, met))
     }
 
     /// The nearest hit in a quarter of the block: 0 south-west, 1 south-east, 2 north-west, 3 north-east.
-    pub fn fast_in_quarter(&self, ray: &Ray, quarter: u32) -> Option<Hit> {
+    pub(super) fn hit_in_quarter(&self, beam: &Beam, quarter: u32) -> Option<Hit> {
         let side = 0.5 * self.map.side;
         let [east, north] = [quarter & 1, quarter >> 1].map(f64::from);
         let corner = [
             self.map.corner[0] + east * side,
             self.map.corner[1] + north * side,
         ];
-        let (walk, start) = self.enter_square(ray, corner, side)?;
+        let (walk, start) = self.enter_square(beam, corner, side)?;
         let met = self.leap(&walk)?;
         Some(self.told(&walk, start, met))
     }
@@ -153,51 +183,55 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
     }
 
     /// Where the ray is inside the block, and its distance there; `None` if it never is.
-    fn enter(&self, ray: &Ray) -> Option<(Walk, f64)> {
-        self.enter_square(ray, self.map.corner, self.map.side)
+    fn enter(&self, beam: &Beam) -> Option<(Walk, f64)> {
+        self.enter_square(beam, self.map.corner, self.map.side)
     }
 
-    fn enter_square(&self, ray: &Ray, corner: [f64; 2], side: f64) -> Option<(Walk, f64)> {
+    #[inline]
+    fn enter_square(&self, beam: &Beam, corner: [f64; 2], side: f64) -> Option<(Walk, f64)> {
         let top = f64::from(self.map.heights[1]).max(self.floor);
-        let ([start, end], entry) = span(ray, corner, side, [self.floor, top])?;
-        Some((self.walk_from(ray, start, end, entry), start))
+        let ([start, end], entry) = beam.span(corner, side, [self.floor, top])?;
+        Some((self.walk_from(beam, start, end, entry), start))
     }
 
-    fn walk_from(&self, ray: &Ray, start: f64, end: f64, entry: Entry) -> Walk {
-        let (map, side) = (&*self.map, self.map.side_texels as f32);
+    #[inline]
+    fn walk_from(&self, beam: &Beam, start: f64, end: f64, entry: Entry) -> Walk {
+        let map = &*self.map;
+        let side = map.side_texels as f32;
         let per_metre = map.side_texels as f64 / map.side;
-        let (mut origin, mut direction) = ([0.0f32; 3], [0.0f32; 3]);
-        let mut is_mirrored = [false; 2];
-        for axis in 0..3 {
-            let at = ray.origin[axis] + start * ray.direction[axis];
-            if axis == 2 {
-                (origin[2], direction[2]) = (at as f32, ray.direction[2] as f32);
-                continue;
-            }
-            let along = ((at - map.corner[axis]) * per_metre) as f32;
-            let forward = (ray.direction[axis] * per_metre) as f32;
-            is_mirrored[axis] = forward < 0.0;
-            let along = if is_mirrored[axis] {
-                side - along
-            } else {
-                along
-            };
-            origin[axis] = along.clamp(0.0, side);
-            direction[axis] = forward.abs();
-        }
-        Walk {
-            origin,
-            direction,
-            inverse: [direction[0].recip(), direction[1].recip()],
-            is_mirrored,
+        let mut walk = Walk {
+            origin: [
+                0.0,
+                0.0,
+                (beam.origin[2] + start * beam.direction[2]) as f32,
+            ],
+            direction: [0.0, 0.0, beam.direction[2] as f32],
+            inverse: [0.0; 2],
+            never: [0.0; 2],
+            mirror: [0; 2],
             end: (end - start) as f32,
             entry,
-            last: map.side_texels as u32 - 1,
+            last: map.side_texels as i32 - 1,
+        };
+        for axis in 0..2 {
+            let at = beam.origin[axis] + start * beam.direction[axis];
+            let along = ((at - map.corner[axis]) * per_metre) as f32;
+            let forward = (beam.direction[axis] * per_metre) as f32;
+            let is_mirrored = forward < 0.0;
+            walk.mirror[axis] = -i32::from(is_mirrored);
+            walk.origin[axis] = if is_mirrored { side - along } else { along }.clamp(0.0, side);
+            walk.direction[axis] = forward.abs();
+            if forward == 0.0 {
+                walk.never[axis] = f32::INFINITY;
+            } else {
+                walk.inverse[axis] = forward.abs().recip();
+            }
         }
+        walk
     }
 
     fn told(&self, walk: &Walk, start: f64, met: Met) -> Hit {
-        let texel = [0, 1].map(|axis| walk.unmirrored(axis, met.texel[axis], 0) as u16);
+        let texel = walk.unmirrored(met.texel, 0).map(|along| along as u16);
         Hit {
             distance: start + f64::from(met.distance),
             texel,
@@ -207,11 +241,11 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
     }
 
     /// The greatest height in a square of a level, by the walk's own columns and rows.
-    fn greatest(&self, walk: &Walk, level: u32, [column, row]: [u32; 2]) -> f32 {
-        let side = self.map.side_texels as u32 >> level;
-        let column = walk.unmirrored(0, column, level);
-        let row = walk.unmirrored(1, row, level);
-        self.levels[level as usize][(row * side + column) as usize]
+    #[inline]
+    fn greatest(&self, walk: &Walk, level: u32, square: [i32; 2]) -> f32 {
+        let [column, row] = walk.unmirrored(square, level);
+        let shift = self.top_level - level;
+        self.heights[self.starts[level as usize] + ((row << shift) + column) as usize]
     }
 
     fn walk(&self, walk: &Walk) -> Option<Met> {
@@ -239,7 +273,7 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
     fn meet(
         &self,
         walk: &Walk,
-        texel: [u32; 2],
+        texel: [i32; 2],
         distance: f32,
         leave: f32,
         entered: Option<usize>,
@@ -263,13 +297,13 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
         })
     }
 
-    fn has_wall(&self, walk: &Walk, texel: [u32; 2]) -> bool {
-        let [column, row] = [0, 1].map(|axis| walk.unmirrored(axis, texel[axis], 0) as usize);
-        self.map.wall_column(column, row) != 0
+    fn has_wall(&self, walk: &Walk, texel: [i32; 2]) -> bool {
+        let [column, row] = walk.unmirrored(texel, 0);
+        self.walls[((row << self.top_level) + column) as usize] != 0
     }
 
     /// Whether the side of a texel that was met belongs to a wall.
-    fn is_steep(&self, walk: &Walk, texel: [u32; 2], top: f32, entered: Option<usize>) -> bool {
+    fn is_steep(&self, walk: &Walk, texel: [i32; 2], top: f32, entered: Option<usize>) -> bool {
         let Some(axis) = entered else {
             return walk.entry == Entry::Side;
         };
@@ -279,16 +313,17 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
     }
 
     fn leap(&self, walk: &Walk) -> Option<Met> {
-        let top_level = self.levels.len() as u32 - 1;
         let mut texel = walk.first();
-        let mut level = top_level;
+        let mut level = self.top_level.saturating_sub(FIRST_DESCENT);
         let (mut distance, mut entered) = (0.0, None);
+        let mut height = walk.height(distance);
         loop {
-            let square = texel.map(|along| along >> level);
-            let lines = square.map(|along| (along + 1) << level);
+            let lines = texel.map(|along| ((along >> level) + 1) << level);
             let crossings = [0, 1].map(|axis| walk.crossing(axis, lines[axis]));
             let leave = crossings[0].min(crossings[1]).min(walk.end);
-            if walk.height(distance).min(walk.height(leave)) <= self.greatest(walk, level, square) {
+            let next = walk.height(leave);
+            let square = texel.map(|along| along >> level);
+            if height.min(next) <= self.greatest(walk, level, square) {
                 if level > 0 {
                     level -= 1;
                     continue;
@@ -303,70 +338,93 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
                 return None;
             }
             texel[axis] = lines[axis];
-            texel[1 - axis] = walk.beside(axis, leave, texel[1 - axis], lines[1 - axis] - 1);
-            (distance, entered) = (leave, Some(axis));
-            level = (level + 1).min(top_level);
+            if level > 0 {
+                texel[1 - axis] = walk.beside(axis, leave, texel[1 - axis], lines[1 - axis] - 1);
+            }
+            (distance, height, entered) = (leave, next, Some(axis));
+            // Only where it leaves the square above, which was too high to pass over.
+            if lines[axis] & ((2 << level) - 1) == 0 && level < self.top_level {
+                level += 1;
+            }
         }
     }
 }
 
-/// From where to where a ray is in a box over a square, in lengths of its direction, and how it comes in; `None` if it never is.
-/// Boxes that touch agree bit for bit on where the ray passes from one to the other.
-pub fn span(
-    ray: &Ray,
-    corner: [f64; 2],
-    side: f64,
-    heights: [f64; 2],
-) -> Option<([f64; 2], Entry)> {
-    let (mut start, mut end, mut entry) = (0.0f64, f64::INFINITY, Entry::Above);
-    for axis in 0..3 {
-        let [low, high] = match axis {
-            2 => heights,
-            _ => [corner[axis], corner[axis] + side],
-        };
-        let (origin, direction) = (ray.origin[axis], ray.direction[axis]);
-        if direction == 0.0 {
-            if !(low..=high).contains(&origin) {
-                return None;
-            }
-            continue;
+impl Beam {
+    pub(super) fn new(ray: &Ray) -> Beam {
+        Beam {
+            origin: ray.origin,
+            direction: ray.direction,
+            inverse: ray.direction.map(f64::recip),
         }
-        let one = (low - origin) / direction;
-        let other = (high - origin) / direction;
-        let near = one.min(other);
-        if near > start {
-            start = near;
-            entry = if axis == 2 { Entry::Above } else { Entry::Side };
-        }
-        end = end.min(one.max(other));
     }
-    (start <= end && end.is_finite()).then_some(([start, end], entry))
+
+    /// Numbers of quarters in an order in which no ray of this direction meets a later one before an earlier one.
+    pub(super) fn order(&self) -> [u32; 4] {
+        let first = [0, 1].map(|axis| u32::from(self.direction[axis] < 0.0));
+        let first = first[0] + 2 * first[1];
+        [first, first ^ 1, first ^ 2, first ^ 3]
+    }
+
+    /// From where to where it is in a box over a square, in lengths of its direction, and how it comes in; `None` if it never
+    /// is. Boxes that touch agree bit for bit on where it passes from one to the other.
+    #[inline]
+    pub(super) fn span(
+        &self,
+        corner: [f64; 2],
+        side: f64,
+        heights: [f64; 2],
+    ) -> Option<([f64; 2], Entry)> {
+        let (mut start, mut end, mut entry) = (0.0f64, f64::INFINITY, Entry::Above);
+        for axis in 0..3 {
+            let [low, high] = match axis {
+                2 => heights,
+                _ => [corner[axis], corner[axis] + side],
+            };
+            let origin = self.origin[axis];
+            if self.direction[axis] == 0.0 {
+                if !(low..=high).contains(&origin) {
+                    return None;
+                }
+                continue;
+            }
+            let one = (low - origin) * self.inverse[axis];
+            let other = (high - origin) * self.inverse[axis];
+            let near = one.min(other);
+            if near > start {
+                start = near;
+                entry = if axis == 2 { Entry::Above } else { Entry::Side };
+            }
+            end = end.min(one.max(other));
+        }
+        (start <= end && end.is_finite()).then_some(([start, end], entry))
+    }
 }
 
 impl Walk {
     /// The texel in which it starts.
-    fn first(&self) -> [u32; 2] {
-        [0, 1].map(|axis| (self.origin[axis] as u32).min(self.last))
+    fn first(&self) -> [i32; 2] {
+        [0, 1].map(|axis| (self.origin[axis] as i32).min(self.last))
     }
 
     /// The distance at which it crosses a line between texels.
-    fn crossing(&self, axis: usize, line: u32) -> f32 {
-        if self.direction[axis] == 0.0 {
-            return f32::INFINITY;
-        }
-        (line as f32 - self.origin[axis]) * self.inverse[axis]
+    #[inline]
+    fn crossing(&self, axis: usize, line: i32) -> f32 {
+        (line as f32 - self.origin[axis]) * self.inverse[axis] + self.never[axis]
     }
 
+    #[inline]
     fn height(&self, distance: f32) -> f32 {
         self.origin[2] + distance * self.direction[2]
     }
 
     /// Where it is along the other axis when it crosses a line of `axis` at a distance: at least `low`, at most `high`. A line
     /// of x is crossed before one of y at the same distance.
-    fn beside(&self, axis: usize, distance: f32, low: u32, high: u32) -> u32 {
+    #[inline]
+    fn beside(&self, axis: usize, distance: f32, low: i32, high: i32) -> i32 {
         let other = 1 - axis;
         let along = self.origin[other] + distance * self.direction[other];
-        let is_past = |texel: u32| {
+        let is_past = |texel: i32| {
             let crossing = self.crossing(other, texel + 1);
             if axis == 0 {
                 crossing < distance
@@ -374,7 +432,7 @@ impl Walk {
                 crossing <= distance
             }
         };
-        let mut texel = (along as u32).clamp(low, high);
+        let mut texel = (along as i32).clamp(low, high);
         while texel < high && is_past(texel) {
             texel += 1;
         }
@@ -384,12 +442,10 @@ impl Walk {
         texel
     }
 
-    /// A column or row of the map's squares of a level out of the walk's.
-    fn unmirrored(&self, axis: usize, along: u32, level: u32) -> u32 {
-        if self.is_mirrored[axis] {
-            (self.last >> level) - along
-        } else {
-            along
-        }
+    /// Column and row of the map's squares of a level out of the walk's.
+    #[inline]
+    fn unmirrored(&self, square: [i32; 2], level: u32) -> [i32; 2] {
+        let last = self.last >> level;
+        [0, 1].map(|axis| square[axis] ^ (self.mirror[axis] & last))
     }
 }

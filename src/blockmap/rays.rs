@@ -1,6 +1,6 @@
 //! Rays against what is drawn of a city.
 
-use super::cast::{Caster, Hit, Ray, Surface};
+use super::cast::{Beam, Caster, Hit, Ray, Surface};
 use super::layout::BlockMap;
 use super::tree::Tree;
 use super::visit::{Drawn, Visit};
@@ -73,7 +73,7 @@ impl<'a> CityRays<'a> {
 
     /// The nearest hit.
     pub fn cast(&self, ray: &Ray) -> Option<CityHit> {
-        let (node, hit) = self.cast_node(ray, 0)?;
+        let (node, hit) = self.cast_node(&Beam::new(ray), 0)?;
         let caster = &self.casters[self.places[node as usize].caster as usize];
         Some(CityHit {
             node,
@@ -82,32 +82,25 @@ impl<'a> CityRays<'a> {
         })
     }
 
-    /// Quarters that lie one behind the other for all rays of these signs, from front to back.
-    fn order(ray: &Ray) -> [u32; 4] {
-        let first = [0, 1].map(|axis| u32::from(ray.direction[axis] < 0.0));
-        let first = first[0] + 2 * first[1];
-        [first, first ^ 1, first ^ 2, first ^ 3]
-    }
-
-    fn cast_node(&self, ray: &Ray, node: u32) -> Option<(u32, Hit)> {
+    fn cast_node(&self, beam: &Beam, node: u32) -> Option<(u32, Hit)> {
         let place = self.places[node as usize];
         if !place.leads_on {
             let caster = &self.casters[place.caster as usize];
             if place.quarters == super::visit::ALL_QUARTERS {
-                return Some((node, caster.fast(ray)?));
+                return Some((node, caster.hit(beam)?));
             }
         }
         let found = &self.tree.nodes[node as usize];
         let top = f64::from(found.heights[1]);
         let (corner, side) = self.tree.square(found);
-        super::cast::span(ray, corner, side, [self.tree.floor, top])?;
-        CityRays::order(ray).into_iter().find_map(|quarter| {
+        beam.span(corner, side, [self.tree.floor, top])?;
+        beam.order().into_iter().find_map(|quarter| {
             if place.quarters >> quarter & 1 == 1 {
                 let caster = &self.casters[place.caster as usize];
-                return Some((node, caster.fast_in_quarter(ray, quarter)?));
+                return Some((node, caster.hit_in_quarter(beam, quarter)?));
             }
             let child = found.children.filter(|_| place.leads_on)? + quarter;
-            self.cast_node(ray, child)
+            self.cast_node(beam, child)
         })
     }
 }

@@ -179,32 +179,7 @@ fn add_primitive(
         Some(indices) => indices,
         None => (0..positions.len()).collect(),
     };
-    let material = primitive.material();
-    let mut given = Given {
-        colour: colour(&material),
-        ..Given::default()
-    };
-    let mut coordinates = Vec::new();
-    if let Some(texture) = material.pbr_metallic_roughness().base_color_texture() {
-        let found = parts
-            .texture_coordinates(primitive, &texture)
-            .map_err(refuse)?;
-        match found {
-            Some(found) => {
-                coordinates = found;
-                given.texture = parts.texture(&texture, collector);
-                if given.texture.is_some() && given.colour.is_some() {
-                    collector.count(
-                        "the colour of a material with a texture was left out",
-                        || place.to_string(),
-                    );
-                }
-            }
-            None => collector.count("a texture without coordinates was left out", || {
-                place.to_string()
-            }),
-        }
-    }
+    let (given, coordinates) = appearance(parts, primitive, place, collector).map_err(refuse)?;
     let corner = |vertex: usize| {
         let position = positions.get(vertex).ok_or_else(|| {
             refuse(format!(
@@ -227,6 +202,40 @@ fn add_primitive(
         collector.surface(&[ring], &given, || format!("{place}, triangle {number}"))?;
     }
     Ok(())
+}
+
+/// The paint of a primitive, and the texture coordinates of its vertices where it has a texture.
+fn appearance(
+    parts: &Parts,
+    primitive: &Primitive,
+    place: &str,
+    collector: &mut Collector,
+) -> std::result::Result<(Given, Vec<[f32; 2]>), String> {
+    let material = primitive.material();
+    let mut given = Given {
+        colour: colour(&material),
+        ..Given::default()
+    };
+    let mut coordinates = Vec::new();
+    if let Some(texture) = material.pbr_metallic_roughness().base_color_texture() {
+        let found = parts.texture_coordinates(primitive, &texture)?;
+        match found {
+            Some(found) => {
+                coordinates = found;
+                given.texture = parts.texture(&texture, collector);
+                if given.texture.is_some() && given.colour.is_some() {
+                    collector.count(
+                        "the colour of a material with a texture was left out",
+                        || place.to_string(),
+                    );
+                }
+            }
+            None => collector.count("a texture without coordinates was left out", || {
+                place.to_string()
+            }),
+        }
+    }
+    Ok((given, coordinates))
 }
 
 /// The base colour as an image would store it; white, the default, is none.

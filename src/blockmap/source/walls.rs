@@ -75,8 +75,11 @@ fn planes(triangles: &[Triangle], walls: &[Wall], origin: DVec3) -> Vec<Plane> {
             .collect();
         let known = planes
             .iter()
-            .rposition(|plane| plane.holds(wall.normal, &corners))
-            .filter(|&place| place + PLANES >= planes.len());
+            .enumerate()
+            .rev()
+            .take(PLANES)
+            .find(|(_, plane)| plane.holds(wall.normal, &corners))
+            .map(|(place, _)| place);
         let place = match known {
             Some(place) => place,
             None => {

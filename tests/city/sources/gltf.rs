@@ -1,5 +1,7 @@
 //! glTF: transforms of nodes, y up, kinds of triangles, resources.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use kimberlite::blockmap::{Paint, Scene};
@@ -105,7 +107,7 @@ fn nodes_move_their_children_and_keep_millimetres() {
     let scene = changed(|document| {
         document["nodes"] = json!([
             {"children": [1], "translation": [84616.4687, 12.345, -5447422.9991]},
-            {"children": [2], "rotation": [0, 0.7071067811865476, 0, 0.7071067811865476], "scale": [2, 2, 2]},
+            {"children": [2], "rotation": [0, FRAC_1_SQRT_2, 0, FRAC_1_SQRT_2], "scale": [2, 2, 2]},
             {"mesh": 0, "matrix": [1, 0, 0, 0, 0, 3, 0, 0, 0, 0, 1, 0, 5, 0, 0, 1]}
         ]);
     })

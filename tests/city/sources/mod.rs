@@ -48,7 +48,7 @@ fn total_area(scene: &Scene) -> f64 {
 /// Whether a file is refused with a message that names it and has all of these parts.
 #[track_caller]
 fn assert_refused(result: Result<Scene>, parts: &[&str]) {
-    let error = result.err().expect("it was read");
+    let error = result.expect_err("it was read");
     assert!(
         matches!(error, Error::Input { .. } | Error::Io { .. }),
         "{error:?}"
