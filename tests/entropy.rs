@@ -236,11 +236,8 @@ fn equal_decisions_cost_almost_nothing() {
     for decision in [false, true] {
         assert!(encode_decisions(&vec![(0, decision); 4096]).len() <= 3);
     }
-    assert_eq!(
-        encode_decisions(&[(0, true); 100]),
-        [],
-        "zeros stand for them"
-    );
+    let bytes = encode_decisions(&[(0, true); 100]);
+    assert!(bytes.is_empty(), "zeros stand for them");
 }
 
 #[test]
@@ -276,7 +273,7 @@ fn a_matrix_without_coded_entries_has_no_bits() {
         coefficients: vec![7; 64],
         coded: Some(vec![0; 64]),
     };
-    assert_eq!(nothing.encode(), []);
+    assert!(nothing.encode().is_empty());
     assert_eq!(nothing.decode(&[]), Ok(vec![0; 64]));
     let zeros = Matrix {
         side: 128,

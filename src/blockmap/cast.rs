@@ -376,11 +376,8 @@ impl Beam {
         heights: [f64; 2],
     ) -> Option<([f64; 2], Entry)> {
         let (mut start, mut end, mut entry) = (0.0f64, f64::INFINITY, Entry::Above);
-        for axis in 0..3 {
-            let [low, high] = match axis {
-                2 => heights,
-                _ => [corner[axis], corner[axis] + side],
-            };
+        let [x, y] = corner.map(|along| [along, along + side]);
+        for (axis, [low, high]) in [x, y, heights].into_iter().enumerate() {
             let origin = self.origin[axis];
             if self.direction[axis] == 0.0 {
                 if !(low..=high).contains(&origin) {

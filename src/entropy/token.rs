@@ -134,7 +134,7 @@ mod tests {
         let mixed = [3, 17, 0, -1 << 20, 15, 16, i32::MIN, i32::MAX];
         let mut tokens = Tokens::default();
         tokens.extend(&small[..31]);
-        assert_eq!(tokens.raw, []);
+        assert!(tokens.raw.is_empty());
         tokens.extend(&small);
         tokens.extend(&mixed);
         let all = [&small[..31], &small, &mixed].concat();

@@ -10,12 +10,12 @@ use super::boundary::{
 };
 use super::builder::kmb_progress_callback;
 use super::status::kmb_status;
+use crate::Error;
 use crate::blockmap::source::{SourceOptions, read};
 use crate::blockmap::{
     BakeOptions, CityOptions, CityReport, Ground, Paint, Scene, Texture, Triangle, build_city,
 };
 use crate::log::{LogLevel, log};
-use crate::Error;
 
 /// Gives the height z of the ground at x, y, in the city's reference system, and answers 0; or answers anything else where there is
 /// none, so that the plane's is taken. Calls come one after the other, from any thread. Nothing may unwind out of it.
