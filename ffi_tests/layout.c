@@ -124,7 +124,7 @@ static void structs(void)
     AT(kmb_budget, bytes, 24);
     AT(kmb_budget, upload_bytes, 32);
     AT(kmb_budget, patches, 40);
-    SIZE(kmb_stats, 104);
+    SIZE(kmb_stats, 112);
     AT(kmb_stats, struct_size, 0);
     AT(kmb_stats, cut_short, 4);
     AT(kmb_stats, refined, 8);
@@ -139,6 +139,7 @@ static void structs(void)
     AT(kmb_stats, fixed_microseconds, 80);
     AT(kmb_stats, microseconds, 88);
     AT(kmb_stats, awaited, 96);
+    AT(kmb_stats, upload_bytes, 104);
     SIZE(kmb_ray, 64);
     AT(kmb_ray, struct_size, 0);
     AT(kmb_ray, reserved, 4);
@@ -233,6 +234,112 @@ static void structs(void)
     AT(kmb_raster_info, entropy, 100);
 }
 
+static void city_structs(void)
+{
+    SIZE(kmb_city_info, 104);
+    AT(kmb_city_info, struct_size, 0);
+    AT(kmb_city_info, side_texels, 4);
+    AT(kmb_city_info, nodes, 8);
+    AT(kmb_city_info, leaves, 12);
+    AT(kmb_city_info, levels, 16);
+    AT(kmb_city_info, height_bits, 20);
+    AT(kmb_city_info, corner, 24);
+    AT(kmb_city_info, side, 40);
+    AT(kmb_city_info, floor, 48);
+    AT(kmb_city_info, heights, 56);
+    AT(kmb_city_info, image_bytes, 72);
+    AT(kmb_city_info, low_height_bytes, 80);
+    AT(kmb_city_info, bytes, 88);
+    AT(kmb_city_info, crs, 96);
+    SIZE(kmb_city_node, 88);
+    AT(kmb_city_node, struct_size, 0);
+    AT(kmb_city_node, level, 4);
+    AT(kmb_city_node, place, 8);
+    AT(kmb_city_node, parent, 16);
+    AT(kmb_city_node, first_child, 20);
+    AT(kmb_city_node, corner, 24);
+    AT(kmb_city_node, side, 40);
+    AT(kmb_city_node, heights, 48);
+    AT(kmb_city_node, error, 64);
+    AT(kmb_city_node, height_error, 72);
+    AT(kmb_city_node, colour_error, 80);
+    SIZE(kmb_blockmap, 88);
+    AT(kmb_blockmap, struct_size, 0);
+    AT(kmb_blockmap, side_texels, 4);
+    AT(kmb_blockmap, slices, 8);
+    AT(kmb_blockmap, height_bits, 12);
+    AT(kmb_blockmap, corner, 16);
+    AT(kmb_blockmap, side, 32);
+    AT(kmb_blockmap, heights, 40);
+    AT(kmb_blockmap, exposure, 48);
+    AT(kmb_blockmap, roof_slope, 52);
+    AT(kmb_blockmap, image, 56);
+    AT(kmb_blockmap, image_bytes, 64);
+    AT(kmb_blockmap, low_heights, 72);
+    AT(kmb_blockmap, low_height_bytes, 80);
+    SIZE(kmb_city_drawn, 24);
+    AT(kmb_city_drawn, struct_size, 0);
+    AT(kmb_city_drawn, node, 4);
+    AT(kmb_city_drawn, quarters, 8);
+    AT(kmb_city_drawn, reserved, 12);
+    AT(kmb_city_drawn, pixels, 16);
+    SIZE(kmb_city_stats, 96);
+    AT(kmb_city_stats, struct_size, 0);
+    AT(kmb_city_stats, cut_short, 4);
+    AT(kmb_city_stats, drawn, 8);
+    AT(kmb_city_stats, partial, 16);
+    AT(kmb_city_stats, resident, 24);
+    AT(kmb_city_stats, bytes, 32);
+    AT(kmb_city_stats, loaded, 40);
+    AT(kmb_city_stats, upload_bytes, 48);
+    AT(kmb_city_stats, dropped, 56);
+    AT(kmb_city_stats, awaited, 64);
+    AT(kmb_city_stats, failed, 72);
+    AT(kmb_city_stats, largest_error, 80);
+    AT(kmb_city_stats, microseconds, 88);
+    SIZE(kmb_city_hit, 48);
+    AT(kmb_city_hit, struct_size, 0);
+    AT(kmb_city_hit, node, 4);
+    AT(kmb_city_hit, distance, 8);
+    AT(kmb_city_hit, texel, 16);
+    AT(kmb_city_hit, height, 24);
+    AT(kmb_city_hit, is_wall, 28);
+    AT(kmb_city_hit, normal, 32);
+    AT(kmb_city_hit, colour, 44);
+    SIZE(kmb_city_options, 56);
+    AT(kmb_city_options, struct_size, 0);
+    AT(kmb_city_options, side_texels, 4);
+    AT(kmb_city_options, views, 8);
+    AT(kmb_city_options, height_bits, 12);
+    AT(kmb_city_options, leaf_side, 16);
+    AT(kmb_city_options, exposure, 24);
+    AT(kmb_city_options, threads, 32);
+    AT(kmb_city_options, memory, 36);
+    AT(kmb_city_options, has_facades, 40);
+    AT(kmb_city_options, facades, 44);
+    AT(kmb_city_options, ground_colour, 48);
+    AT(kmb_city_options, reserved, 52);
+    SIZE(kmb_city_paint, 32);
+    AT(kmb_city_paint, struct_size, 0);
+    AT(kmb_city_paint, kind, 4);
+    AT(kmb_city_paint, colour, 8);
+    AT(kmb_city_paint, texture, 12);
+    AT(kmb_city_paint, seed, 16);
+    AT(kmb_city_paint, reserved, 20);
+    AT(kmb_city_paint, coordinates, 24);
+    SIZE(kmb_city_report, 72);
+    AT(kmb_city_report, struct_size, 0);
+    AT(kmb_city_report, levels, 4);
+    AT(kmb_city_report, blocks, 8);
+    AT(kmb_city_report, leaves, 16);
+    AT(kmb_city_report, triangles, 24);
+    AT(kmb_city_report, bytes, 32);
+    AT(kmb_city_report, wall_texels, 40);
+    AT(kmb_city_report, unassigned_wall_texels, 48);
+    AT(kmb_city_report, seen_pixels, 56);
+    AT(kmb_city_report, hidden_pixels, 64);
+}
+
 static void numbers(void)
 {
     CHECK(sizeof(kmb_status) == 4);
@@ -273,6 +380,10 @@ static void numbers(void)
     CHECK(KMB_TRANSFORM_INTERPOLATING == 0);
     CHECK(KMB_TRANSFORM_LIFTED == 1);
     CHECK(KMB_TRANSFORM_TWO_STAGE == 2);
+    CHECK(KMB_NO_NODE == UINT32_MAX);
+    CHECK(KMB_PAINT_PLAIN == 0);
+    CHECK(KMB_PAINT_TEXTURE == 1);
+    CHECK(KMB_PAINT_FACADE == 2);
     CHECK(KMB_ENTROPY_RANS == 0);
     CHECK(KMB_ENTROPY_GAMMA == 1);
 }
@@ -280,6 +391,7 @@ static void numbers(void)
 int main(void)
 {
     structs();
+    city_structs();
     numbers();
     CHECK(kmb_abi_version() == KMB_ABI_VERSION);
     return 0;

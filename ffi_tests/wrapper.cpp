@@ -78,6 +78,37 @@ static void pack() {
     check(centres == decoded, "a diamond comes back");
 }
 
+// A roof over a square, 12 above the ground.
+static void city(const std::string &path) {
+    const double roof[18] = {20, 20, 12, 40, 20, 12, 40, 40, 12, 20, 20, 12, 40, 40, 12, 20, 40, 12};
+    kmb_city_options options = kimberlite::sized<kmb_city_options>();
+    options.side_texels = 32;
+    options.views = 4;
+    options.leaf_side = 16;
+    kimberlite::CityBuilder builder(&options);
+    kimberlite::check(kmb_city_builder_add_triangles(builder.get(), 2, roof, nullptr));
+    kimberlite::check(kmb_city_builder_set_plane(builder.get(), 0));
+    check(builder.build(path).triangles == 2, "the report is that of the city");
+    kimberlite::City opened(path);
+    std::vector<std::uint8_t> image, low_heights;
+    check(opened.read(0, image, low_heights).image == image.data() && low_heights.empty(), "a block is read");
+    check(opened.node(1).parent == 0, "a node is described");
+    kimberlite::CityVisit first(opened, 1);
+    kimberlite::CityVisit visit = std::move(first);
+    check(first.get() == nullptr, "a visit that was moved from is empty");
+    opened = kimberlite::City(path);
+    const kmb_city_stats stats = visit.update(view());
+    check(stats.drawn == visit.drawn().size() && visit.added().size() > 0 && visit.removed().size() == 0, "blocks are listed");
+    check(visit.block(0).image_bytes == opened.info().image_bytes, "a block is held");
+    kmb_ray ray = kimberlite::sized<kmb_ray>();
+    ray.origin[0] = ray.origin[1] = 30;
+    ray.origin[2] = 100;
+    ray.direction[2] = -1;
+    ray.longest = 1000;
+    const std::vector<kmb_city_hit> hits = visit.cast(std::vector<kmb_ray>(3, ray));
+    check(hits.size() == 3 && std::abs(hits[2].distance - 88) < 0.1, "rays meet the roof");
+}
+
 int main(int count, char **words) {
     check(count == 2, "there is one argument");
     const std::string path = std::string(words[1]) + "/wrapper.kmb";
@@ -92,6 +123,7 @@ int main(int count, char **words) {
     check(!query.height_at(-1, 0, height), "there is no height outside");
     draw(repository);
     pack();
+    city(std::string(words[1]) + "/wrapper_city.kmb");
     try {
         kimberlite::Repository absent(path + ".absent");
         check(false, "an absent file throws");

@@ -1,6 +1,6 @@
 /* Kimberlite: very large terrains in one compressed file, and for every frame of a viewer the
- * triangles that its view needs, without cracks and within a budget. Made from src/ffi/ by
- * tests/header.rs; do not edit.
+ * triangles that its view needs, without cracks and within a budget; and cities as blocks of fixed
+ * size, within the same. Made from src/ffi/ by tests/header.rs; do not edit.
  *
  * CAVEATS
  *
@@ -47,6 +47,10 @@
  * - Diamond: two right triangles that share their longest edge; the unit of refinement. Patch: one
  *   of them, as vertices. Level: 0 for the coarsest diamond, one more for each bisection. Cut: the
  *   patches that cover the terrain at this moment. Void: a sample without data.
+ * - Block: a square of a city as an image of fixed size: heights on K x K texels, which stand for
+ *   prisms down to the city's floor, and their colours. Node: a square of the city's quadtree, with
+ *   its block. Visit: the blocks that are held and drawn at this moment. A city's coordinates are
+ *   those of its reference system, which is metric, and the world of a terrain in the same one.
  */
 #ifndef KIMBERLITE_H
 #define KIMBERLITE_H
@@ -801,6 +805,8 @@ typedef struct kmb_stats {
     double microseconds;
     // Diamonds whose details the cut's threads were asked for and have not given; updates go on without.
     uint64_t awaited;
+    // Bytes of vertices of the patches that came into the cut, counted as its budget counts them.
+    uint64_t upload_bytes;
 } kmb_stats;
 
 // From grid coordinates (column, row, height unit) to the world, axis by axis: world[i] =
@@ -1467,6 +1473,539 @@ kmb_status kmb_codec_model(const struct kmb_codec *codec,
 // Returns KMB_OK, KMB_INVALID_ARGUMENT (also for KMB_ENTROPY_GAMMA), KMB_DAMAGED (the bytes are no
 // model), KMB_PANIC.
 kmb_status kmb_codec_set_model(struct kmb_codec *codec, const uint8_t *bytes, size_t size);
+
+/* ================================================================================================
+ * Cities: opening, what is known of them, single blocks
+ * ================================================================================================ */
+
+// Stands for no node: the parent of the root, the first child of a leaf, the node of a ray that met
+// nothing.
+#define KMB_NO_NODE UINT32_MAX
+
+// An open city. Visits made from it share what they need of it, so that it may be closed before
+// them.
+typedef struct kmb_city kmb_city;
+
+// What is known of a city. Lengths are in the units of its reference system.
+typedef struct kmb_city_info {
+    // sizeof(kmb_city_info).
+    uint32_t struct_size;
+    // Texels along a block, K: 32, 64 or 128.
+    uint32_t side_texels;
+    // Nodes of its quadtree, each with a block. Node 0 is the root.
+    uint32_t nodes;
+    // Nodes without children.
+    uint32_t leaves;
+    // Levels of nodes; the root is of level 0.
+    uint32_t levels;
+    // Bits of its blocks' heights: 8 or 16.
+    uint32_t height_bits;
+    // West and south edge of its square.
+    double corner[2];
+    // Length of an edge of it.
+    double side;
+    // Down to where the prisms over all texels reach: z.
+    double floor;
+    // Least and greatest height: z.
+    double heights[2];
+    // Bytes of a block's image: (2 K + 256) K 4.
+    uint64_t image_bytes;
+    // Bytes of the low halves of a block's heights of 16 bits, K K; 0 where they have 8.
+    uint64_t low_height_bytes;
+    // Bytes of the file.
+    uint64_t bytes;
+    // The coordinate reference system: WKT, "EPSG:n", or empty. Lives until the city is closed.
+    const char *crs;
+} kmb_city_info;
+
+// A square of a city.
+typedef struct kmb_city_node {
+    // sizeof(kmb_city_node).
+    uint32_t struct_size;
+    // 0 for the root.
+    uint32_t level;
+    // Column and row among the squares of its level, from the south-west.
+    uint32_t place[2];
+    // KMB_NO_NODE for the root.
+    uint32_t parent;
+    // The first of its four children, which follow each other: south-west, south-east, north-west,
+    // north-east. KMB_NO_NODE for a leaf.
+    uint32_t first_child;
+    // West and south edge.
+    double corner[2];
+    // Length of an edge. Squares that touch have the same edges, bit for bit.
+    double side;
+    // Least and greatest height of its block and of all blocks below it: z.
+    double heights[2];
+    // How far it is from the leaves, as a length that kmb_city_visit_update compares with the tolerance: height_error, or a texel where
+    // its colours are wrong.
+    double error;
+    // Largest difference of its heights from those of its children, at most a texel; at least theirs.
+    double height_error;
+    // Root of the mean square difference of its roofs' colours from those of its children, of 255; at least theirs.
+    double colour_error;
+} kmb_city_node;
+
+// A block of a city as an image of (2 K + 256) x K texels, four bytes each, row by row without padding. Row 0 is the
+// southernmost, column 0 the westernmost.
+//
+// Columns 0 to K - 1: height (the high byte of 16 bits), wall column (0 for no wall), and x and y of the roof's unit normal.
+// Columns K to 2 K - 1: red, green and blue of the roof or of the ground, and ambient occlusion (255: sees all of the sky).
+// Columns 2 K to 2 K + 255: the same of the walls. A component of a normal is (byte - 127) / 127.
+//
+// The rows are parted into `slices` equal slices of R = K / slices rows. The wall of a texel in row r whose wall column is w has its
+// colours in column 2 K + w, upwards from row first = r / R R: at height z in row
+// first + min(floor((z - heights[0]) / (heights[1] - heights[0]) (R - 1)), R - 2). In row first + R - 1 it has its mean normal, three bytes.
+typedef struct kmb_blockmap {
+    // sizeof(kmb_blockmap).
+    uint32_t struct_size;
+    // Texels along it, K.
+    uint32_t side_texels;
+    // Slices of its walls: a power of two.
+    uint32_t slices;
+    // Bits of its heights: 8 or 16.
+    uint32_t height_bits;
+    // West and south edge.
+    double corner[2];
+    // Length of an edge.
+    double side;
+    // Heights of code 0 and of the greatest code, 255 or 65535; codes between are evenly spaced.
+    float heights[2];
+    // A texel has a wall where it stands more than so much above one of its four neighbours.
+    float exposure;
+    // Steepest roof, as rise over run: a ray that comes over the edge of a texel with a wall meets it if the step there is
+    // higher than roof_slope side / K, and meets a roof otherwise.
+    float roof_slope;
+    // The image.
+    const uint8_t *image;
+    // Bytes at `image`.
+    size_t image_bytes;
+    // The low bytes of 16-bit heights, one a texel, K x K, row by row; NULL where they are not there.
+    const uint8_t *low_heights;
+    // Bytes at `low_heights`.
+    size_t low_height_bytes;
+} kmb_blockmap;
+
+// Opens the city at `path` (bytes as the system has them; UTF-8 on Windows) and gives a handle,
+// which kmb_city_close frees. `access` is a kmb_access.
+//
+// Reads the header, the tables and the tree; blocks are read, and their checksums checked, when
+// they are used. May be called from any thread at any time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_IO, KMB_INPUT (the repository holds something else),
+// KMB_DAMAGED (the file is no repository, or its bytes are not as they were written),
+// KMB_UNSUPPORTED_VERSION, KMB_PANIC.
+kmb_status kmb_city_open(const char *path, uint32_t access, struct kmb_city **city);
+
+// Frees a city. NULL is allowed. No other call may use the handle at the same time, or afterwards;
+// visits made from it stay usable.
+void kmb_city_close(struct kmb_city *city);
+
+// Says what is known of a city. The caller sets info->struct_size; its string belongs to the city
+// and lives until it is closed.
+//
+// May be called with the same city from several threads at once.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+kmb_status kmb_city_describe(const struct kmb_city *city, struct kmb_city_info *info);
+
+// Says what is known of node `index`. Children have higher numbers than their parents. The caller
+// sets node->struct_size.
+//
+// May be called with the same city from several threads at once.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_NOT_FOUND (there are not so
+// many nodes), KMB_PANIC.
+kmb_status kmb_city_node_at(const struct kmb_city *city,
+                            uint32_t index,
+                            struct kmb_city_node *node);
+
+// Reads and decodes the block of a node into the caller's memory, in one call. `image` has room for `image_length` bytes;
+// image_bytes of kmb_city_info are needed. `low_heights` has room for `low_height_length`; low_height_bytes of
+// kmb_city_info are needed, or it is NULL: heights of 16 bits are then only as good as their high bytes. `block` may be
+// NULL; otherwise the caller sets block->struct_size, and its pointers become those that were passed, low_heights NULL for 8
+// bits.
+//
+// May be called with the same city from several threads at once.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_BUFFER_TOO_SMALL, KMB_NOT_FOUND (there are not so many
+// nodes), KMB_IO, KMB_DAMAGED, KMB_PANIC.
+kmb_status kmb_city_read(const struct kmb_city *city,
+                         uint32_t node,
+                         uint8_t *image,
+                         size_t image_length,
+                         uint8_t *low_heights,
+                         size_t low_height_length,
+                         struct kmb_blockmap *block);
+
+/* ================================================================================================
+ * Visits of a city: from views to blocks, and rays against them
+ * ================================================================================================ */
+
+// The blocks that a viewer draws, kept from frame to frame.
+typedef struct kmb_city_visit kmb_city_visit;
+
+// What an update did, and what is drawn now.
+typedef struct kmb_city_stats {
+    // sizeof(kmb_city_stats).
+    uint32_t struct_size;
+    // 1 where a budget kept out what the tolerance asks for, or blocks have yet to come; else 0.
+    uint32_t cut_short;
+    // Entries that kmb_city_visit_drawn gives.
+    uint64_t drawn;
+    // Of these, blocks of which only some quarters are drawn.
+    uint64_t partial;
+    // Blocks held.
+    uint64_t resident;
+    // Bytes of these.
+    uint64_t bytes;
+    // Blocks that came.
+    uint64_t loaded;
+    // Bytes of these.
+    uint64_t upload_bytes;
+    // Blocks that went.
+    uint64_t dropped;
+    // Blocks that should be drawn and have not come.
+    uint64_t awaited;
+    // Blocks that cannot be read, since the visit was made; the log callback was told each once.
+    uint64_t failed;
+    // Largest error on the screen of what is drawn, in pixels; may be infinite.
+    double largest_error;
+    // Time of the update, in microseconds.
+    double microseconds;
+} kmb_city_stats;
+
+// A block to draw.
+typedef struct kmb_city_drawn {
+    // sizeof(kmb_city_drawn).
+    uint32_t struct_size;
+    // Which node's.
+    uint32_t node;
+    // Which quarters of it: 1 south-west, 2 south-east, 4 north-west, 8 north-east, or their sum. In the
+    // others finer blocks are drawn.
+    uint32_t quarters;
+    // 0.
+    uint32_t reserved;
+    // Its error on the screen, in pixels; may be infinite.
+    double pixels;
+} kmb_city_drawn;
+
+// Where a ray meets a city.
+typedef struct kmb_city_hit {
+    // sizeof(kmb_city_hit).
+    uint32_t struct_size;
+    // Whose block; KMB_NO_NODE where the ray meets nothing, and then all that follows is 0 but the distance, which is infinite.
+    uint32_t node;
+    // The place is origin + distance * direction.
+    double distance;
+    // Column and row of the texel in the block.
+    uint32_t texel[2];
+    // z of the place.
+    float height;
+    // 1 for a wall, 0 for a roof or the ground.
+    uint32_t is_wall;
+    // Unit normal there, about.
+    float normal[3];
+    // Red, green, blue, and ambient occlusion: 255 sees all of the sky.
+    uint8_t colour[4];
+} kmb_city_hit;
+
+// Makes a visit of a city and gives a handle, which kmb_city_visit_destroy frees. It holds the root's block from the start, and has
+// nothing to draw until its first update. `threads` decode for it, at most 64; with 0, updates decode for themselves, within
+// their budgets. The city may be closed before the visit is destroyed.
+//
+// May be called with the same city from several threads at once.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_IO, KMB_DAMAGED (the root's block), KMB_PANIC.
+kmb_status kmb_city_visit_create(const kmb_city *city,
+                                 uint32_t threads,
+                                 struct kmb_city_visit **visit);
+
+// Frees a visit with its blocks. NULL is allowed. No other call may use the handle at the same
+// time, or afterwards.
+void kmb_city_visit_destroy(struct kmb_city_visit *visit);
+
+// Finds what to draw of a view, whose world is the city's reference system, and loads what is missing for it within the budget:
+// `refinements` limits the blocks that come in this update, `bytes` those held, `upload_bytes` those that come, `patches` the
+// entries to draw. `budget` may be NULL: no limits. `stats` may be NULL; otherwise the caller sets stats->struct_size. The view's
+// tolerance may be 0 here: the finest blocks.
+//
+// What is drawn covers all that the frustum meets of the city, each place once, whatever ends the update: where blocks have not
+// come, coarser ones are drawn. With a still view and the same budget it settles. Ends the life of what kmb_city_visit_drawn,
+// kmb_city_visit_added, kmb_city_visit_removed and kmb_city_visit_block gave before.
+//
+// A terrain and a city are drawn under one budget by kmb_cut_update with the budget, kmb_budget_rest, and kmb_city_visit_update with the
+// rest.
+//
+// Exclusive: no other call may use the visit at the same time.
+//
+// Returns KMB_OK; KMB_BUDGET_TOO_SMALL (the budget does not hold the root's block: it is drawn all the same, and `stats` is
+// written); KMB_INVALID_ARGUMENT (also for a view with a number that is not finite, with an empty viewport, or with a tolerance
+// below 0: the visit stays as it was); KMB_INVALID_STRUCT_SIZE; KMB_PANIC. A block that cannot be read is no failure: coarser ones
+// are drawn there, and the log callback is told once.
+kmb_status kmb_city_visit_update(struct kmb_city_visit *visit,
+                                 const kmb_view *view,
+                                 const kmb_budget *budget,
+                                 struct kmb_city_stats *stats);
+
+// Gives what an update of a cut left of a budget, for an update of a visit in the same frame: each limit less what `used` tells of it,
+// at least 0; KMB_UNLIMITED stays. With a `bytes` of 0 left the city's coarsest block is still drawn. The caller sets
+// rest->struct_size; `rest` may be `budget`.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+kmb_status kmb_budget_rest(const kmb_budget *budget,
+                           const kmb_stats *used,
+                           kmb_budget *rest);
+
+// Gives what to draw, front to back. The array belongs to the visit and lives until its next update or its end.
+//
+// May be called with the same visit from several threads at once, not during an update.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+kmb_status kmb_city_visit_drawn(const struct kmb_city_visit *visit,
+                                const struct kmb_city_drawn **drawn,
+                                size_t *count);
+
+// Gives the nodes whose blocks came with the last update; that of the root came with
+// the first. With
+// kmb_city_visit_removed, a GPU cache is a map from nodes to textures. The array belongs to the
+// visit and lives until its next update or its end.
+//
+// May be called with the same visit from several threads at once, not during an update.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+kmb_status kmb_city_visit_added(const struct kmb_city_visit *visit,
+                                const uint32_t **nodes,
+                                size_t *count);
+
+// Gives the nodes whose blocks went with the last update: those that came in one before. The array
+// belongs to the visit and lives until its next update or its end.
+//
+// May be called with the same visit from several threads at once, not during an update.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+kmb_status kmb_city_visit_removed(const struct kmb_city_visit *visit,
+                                  const uint32_t **nodes,
+                                  size_t *count);
+
+// Gives the block of a node that the visit holds: all that are drawn, and others. The caller sets
+// block->struct_size; the image and the low heights belong to the visit and live until its next
+// update or its end.
+//
+// May be called with the same visit from several threads at once, not during an update.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_INVALID_STRUCT_SIZE, KMB_NOT_FOUND (it is not held),
+// KMB_PANIC.
+kmb_status kmb_city_visit_block(const struct kmb_city_visit *visit,
+                                uint32_t node,
+                                kmb_blockmap *block);
+
+// Gives the nearest place at which each of `count` rays, in the city's reference system, meets what the visit draws. `rays` has `count`
+// rays, all with their struct_size; `hits` has room for as many, and the caller sets hits[0].struct_size. A ray from outside
+// does not slip between two blocks, of whatever levels; outside the view's frustum it may meet nothing. After an update with a tolerance of 0, without limits, and with a view of
+// the whole city, these are the finest blocks of all of it.
+//
+// Each call first prepares all blocks that are drawn, which takes as long as some thousand rays a block: pass many rays at once.
+//
+// May be called with the same visit from several threads at once, not during an update.
+//
+// Returns KMB_OK (also where rays meet nothing); KMB_INVALID_ARGUMENT (also for numbers that are not finite but `longest`, no
+// direction, or a `longest` below 0); KMB_INVALID_STRUCT_SIZE; KMB_PANIC.
+kmb_status kmb_city_visit_cast(const struct kmb_city_visit *visit,
+                               size_t count,
+                               const kmb_ray *rays,
+                               struct kmb_city_hit *hits);
+
+/* ================================================================================================
+ * City builders: from triangles and files to cities
+ * ================================================================================================ */
+
+// What is painted on triangles.
+typedef enum kmb_paint_kind {
+    // One colour.
+    KMB_PAINT_PLAIN = 0,
+    // A texture of the builder, which repeats. Its coordinates are 0, 0 at the image's lower left corner and 1, 1 at
+    // its upper right one.
+    KMB_PAINT_TEXTURE = 1,
+    // A facade that is made up. Its coordinates count windows along the wall, and storeys above the ground.
+    KMB_PAINT_FACADE = 2,
+} kmb_paint_kind;
+
+// A city in the making: triangles, textures, the ground, and how to build it.
+typedef struct kmb_city_builder kmb_city_builder;
+
+// How to build a city. What is 0 stands for what no options stand for.
+typedef struct kmb_city_options {
+    // sizeof(kmb_city_options).
+    uint32_t struct_size;
+    // Texels along a block: 32, 64 or 128; 0 for 128.
+    uint32_t side_texels;
+    // Views of a block from which its walls are taken, 1 to 4096; 0 for 64.
+    uint32_t views;
+    // Bits of heights: 8 or 16; 0 for 8.
+    uint32_t height_bits;
+    // Edge of the finest blocks, at most, 1 to 4096 metres; 0 for 64.
+    double leaf_side;
+    // Steps higher than this, in metres, are walls; 0 for 1.5.
+    double exposure;
+    // Threads to use, or 0 for one a core. The file does not depend on it.
+    uint32_t threads;
+    // Memory that triangles and textures may take, in MiB; 0 for no limit.
+    uint32_t memory;
+    // 1 where buildings of files without textures and colours get facades that are made up; else 0: they are plain.
+    uint32_t has_facades;
+    // The seed of these facades.
+    uint32_t facades;
+    // Red, green, blue of bare ground; 0, 0, 0 for a grey. The fourth is 0.
+    uint8_t ground_colour[4];
+    // 0.
+    uint32_t reserved;
+} kmb_city_options;
+
+// Paint for triangles.
+typedef struct kmb_city_paint {
+    // sizeof(kmb_city_paint).
+    uint32_t struct_size;
+    // A kmb_paint_kind.
+    uint32_t kind;
+    // For KMB_PAINT_PLAIN: red, green, blue. The fourth is 0.
+    uint8_t colour[4];
+    // For KMB_PAINT_TEXTURE: what kmb_city_builder_add_texture gave.
+    uint32_t texture;
+    // For KMB_PAINT_FACADE: tells the facade of one building from that of another.
+    uint32_t seed;
+    // 0.
+    uint32_t reserved;
+    // But for KMB_PAINT_PLAIN: 6 floats for each triangle, two for each corner.
+    const float *coordinates;
+} kmb_city_paint;
+
+// Gives the height z of the ground at x, y, in the city's reference system, and answers 0; or answers anything else where there is
+// none, so that the plane's is taken. Calls come one after the other, from any thread. Nothing may unwind out of it.
+typedef int32_t (*kmb_ground_callback)(void *user, double x, double y, double *height);
+
+// What was built.
+typedef struct kmb_city_report {
+    // sizeof(kmb_city_report).
+    uint32_t struct_size;
+    // Levels of blocks.
+    uint32_t levels;
+    // Blocks.
+    uint64_t blocks;
+    // Those made from triangles; the others are made from four finer ones.
+    uint64_t leaves;
+    // Triangles that it was built from.
+    uint64_t triangles;
+    // Bytes of the file.
+    uint64_t bytes;
+    // Texels of walls in the leaves.
+    uint64_t wall_texels;
+    // Of these, those that share another's wall column, as there are no more.
+    uint64_t unassigned_wall_texels;
+    // Pixels of all views that see the leaves' triangles.
+    uint64_t seen_pixels;
+    // Of these, those whose surface lies more than 2.5 texels behind the prisms: under bridges and overhangs.
+    uint64_t hidden_pixels;
+} kmb_city_report;
+
+// Makes a builder of a city and gives a handle, which kmb_city_builder_destroy frees. `options` may be NULL. It begins without
+// triangles, and on a plane through the lowest of their corners.
+//
+// May be called from any thread at any time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for options out of range), KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+kmb_status kmb_city_builder_create(const struct kmb_city_options *options,
+                                   struct kmb_city_builder **builder);
+
+// Frees a builder of a city. NULL is allowed. No other call may use the handle at the same time, or
+// afterwards.
+void kmb_city_builder_destroy(struct kmb_city_builder *builder);
+
+// Adds an image of width x height pixels, 3 bytes each (red, green, blue), row by row without padding, the uppermost first, and
+// gives its number. The bytes are copied.
+//
+// Exclusive: no other call may use the builder at the same time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for an image without pixels, or one beyond the memory), KMB_PANIC.
+kmb_status kmb_city_builder_add_texture(struct kmb_city_builder *builder,
+                                        uint32_t width,
+                                        uint32_t height,
+                                        const uint8_t *rgb,
+                                        uint32_t *texture);
+
+// Adds `count` triangles, 9 doubles each: x, y, z of three corners, in metres, x east, y north, z up. `paint` may be NULL: a light
+// grey. They may be open, overlap, repeat and have no area; both their sides are seen. All is copied.
+//
+// Exclusive: no other call may use the builder at the same time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for coordinates that are not finite or immensely large, an unknown texture, and more
+// triangles than the memory holds; none is added then), KMB_INVALID_STRUCT_SIZE, KMB_PANIC.
+kmb_status kmb_city_builder_add_triangles(struct kmb_city_builder *builder,
+                                          size_t count,
+                                          const double *corners,
+                                          const struct kmb_city_paint *paint);
+
+// Adds the triangles of a file, with their textures: CityJSON (.json, .jsonl), OBJ (.obj) or glTF (.gltf, .glb), as its extension
+// says; and its reference system, if the builder has none. What can be left out, such as an image that is not there, is: the log
+// callback is told, and kmb_city_builder_warnings counts it.
+//
+// Exclusive: no other call may use the builder at the same time.
+//
+// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a file of more triangles than the memory holds); KMB_IO; KMB_INPUT (the file is not
+// what its extension says, has no triangle, or another reference system than the builder); KMB_PANIC. Nothing is added then.
+kmb_status kmb_city_builder_add_file(struct kmb_city_builder *builder,
+                                     const char *path);
+
+// Tells how many warnings the files that were added gave.
+//
+// May be called with the same builder from several threads at once.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+kmb_status kmb_city_builder_warnings(const struct kmb_city_builder *builder, uint64_t *count);
+
+// Names the coordinate reference system, which is metric: WKT, "EPSG:n", or empty for none. The string is copied.
+//
+// Exclusive: no other call may use the builder at the same time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT, KMB_PANIC.
+kmb_status kmb_city_builder_set_crs(struct kmb_city_builder *builder,
+                                    const char *crs);
+
+// Puts the city on a plane of this height; squares without triangles then stay coarse. Where there is a callback too, the plane is where
+// it gives no height.
+//
+// Exclusive: no other call may use the builder at the same time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for a height that is not finite or immense), KMB_PANIC.
+kmb_status kmb_city_builder_set_plane(struct kmb_city_builder *builder,
+                                      double height);
+
+// Puts the city on a ground that `ground` tells with `user`, for as long as the builder builds; NULL takes it away. `spacing` is about the
+// distance, in metres, from one of its samples to the next; in between it is interpolated.
+//
+// Exclusive: no other call may use the builder at the same time.
+//
+// Returns KMB_OK, KMB_INVALID_ARGUMENT (also for a spacing that is not finite or not above 0), KMB_PANIC.
+kmb_status kmb_city_builder_set_ground(struct kmb_city_builder *builder,
+                                       kmb_ground_callback ground,
+                                       void *user,
+                                       double spacing);
+
+// Builds the city at `path`, and reports what it made. `progress` may be NULL; so may `report`, otherwise the caller sets
+// report->struct_size. The file appears under its name only when it is whole, in place of what was there; after any failure
+// nothing is left of it. The builder may be used again.
+//
+// Exclusive: no other call may use the builder at the same time, the callbacks included.
+//
+// Returns KMB_OK; KMB_INVALID_ARGUMENT (also for a builder without triangles, and a city of too many blocks);
+// KMB_INVALID_STRUCT_SIZE; KMB_IO; KMB_CANCELLED; KMB_PANIC.
+kmb_status kmb_city_builder_build(struct kmb_city_builder *builder,
+                                  const char *path,
+                                  kmb_progress_callback progress,
+                                  void *progress_user,
+                                  struct kmb_city_report *report);
 #ifdef __cplusplus
 }
 #endif

@@ -38,7 +38,7 @@ T sized() {
     return value;
 }
 
-// An array that belongs to a cut.
+// An array that belongs to a cut or to a visit.
 template <class T>
 class Span {
 public:
@@ -61,6 +61,9 @@ struct Free {
     void operator()(kmb_cut *cut) const noexcept { kmb_cut_destroy(cut); }
     void operator()(kmb_builder *builder) const noexcept { kmb_builder_destroy(builder); }
     void operator()(kmb_codec *codec) const noexcept { kmb_codec_destroy(codec); }
+    void operator()(kmb_city *city) const noexcept { kmb_city_close(city); }
+    void operator()(kmb_city_visit *visit) const noexcept { kmb_city_visit_destroy(visit); }
+    void operator()(kmb_city_builder *builder) const noexcept { kmb_city_builder_destroy(builder); }
     void operator()(const kmb_patch *patch) const noexcept { kmb_patch_release(patch); }
 };
 }  // namespace detail
@@ -216,6 +219,120 @@ public:
 
 private:
     std::unique_ptr<kmb_builder, detail::Free> handle_;
+};
+
+class City {
+public:
+    explicit City(const std::string &path, kmb_access access = KMB_ACCESS_MAP) {
+        kmb_city *handle = nullptr;
+        check(kmb_city_open(path.c_str(), access, &handle));
+        handle_.reset(handle);
+    }
+
+    const kmb_city *get() const noexcept { return handle_.get(); }
+
+    kmb_city_info info() const {
+        kmb_city_info info = sized<kmb_city_info>();
+        check(kmb_city_describe(get(), &info));
+        return info;
+    }
+
+    kmb_city_node node(std::uint32_t index) const {
+        kmb_city_node node = sized<kmb_city_node>();
+        check(kmb_city_node_at(get(), index, &node));
+        return node;
+    }
+
+    // The vectors become as long as the block needs; its pointers are theirs.
+    kmb_blockmap read(std::uint32_t node, std::vector<std::uint8_t> &image,
+                      std::vector<std::uint8_t> &low_heights) const {
+        const kmb_city_info known = info();
+        image.resize(static_cast<std::size_t>(known.image_bytes));
+        low_heights.resize(static_cast<std::size_t>(known.low_height_bytes));
+        kmb_blockmap block = sized<kmb_blockmap>();
+        check(kmb_city_read(get(), node, image.data(), image.size(), low_heights.empty() ? nullptr : low_heights.data(),
+                            low_heights.size(), &block));
+        return block;
+    }
+
+private:
+    std::unique_ptr<kmb_city, detail::Free> handle_;
+};
+
+class CityVisit {
+public:
+    explicit CityVisit(const City &city, std::uint32_t threads = 0) {
+        kmb_city_visit *handle = nullptr;
+        check(kmb_city_visit_create(city.get(), threads, &handle));
+        handle_.reset(handle);
+    }
+
+    kmb_city_visit *get() noexcept { return handle_.get(); }
+    const kmb_city_visit *get() const noexcept { return handle_.get(); }
+
+    kmb_city_stats update(const kmb_view &view, const kmb_budget *budget = nullptr) {
+        kmb_city_stats stats = sized<kmb_city_stats>();
+        check(kmb_city_visit_update(get(), &view, budget, &stats));
+        return stats;
+    }
+
+    Span<kmb_city_drawn> drawn() const {
+        const kmb_city_drawn *drawn = nullptr;
+        std::size_t count = 0;
+        check(kmb_city_visit_drawn(get(), &drawn, &count));
+        return {drawn, count};
+    }
+
+    Span<std::uint32_t> added() const {
+        const std::uint32_t *nodes = nullptr;
+        std::size_t count = 0;
+        check(kmb_city_visit_added(get(), &nodes, &count));
+        return {nodes, count};
+    }
+
+    Span<std::uint32_t> removed() const {
+        const std::uint32_t *nodes = nullptr;
+        std::size_t count = 0;
+        check(kmb_city_visit_removed(get(), &nodes, &count));
+        return {nodes, count};
+    }
+
+    kmb_blockmap block(std::uint32_t node) const {
+        kmb_blockmap block = sized<kmb_blockmap>();
+        check(kmb_city_visit_block(get(), node, &block));
+        return block;
+    }
+
+    std::vector<kmb_city_hit> cast(const std::vector<kmb_ray> &rays) const {
+        std::vector<kmb_city_hit> hits(rays.size(), sized<kmb_city_hit>());
+        check(kmb_city_visit_cast(get(), rays.size(), rays.data(), hits.data()));
+        return hits;
+    }
+
+private:
+    std::unique_ptr<kmb_city_visit, detail::Free> handle_;
+};
+
+class CityBuilder {
+public:
+    explicit CityBuilder(const kmb_city_options *options = nullptr) {
+        kmb_city_builder *handle = nullptr;
+        check(kmb_city_builder_create(options, &handle));
+        handle_.reset(handle);
+    }
+
+    // For what is added and set.
+    kmb_city_builder *get() noexcept { return handle_.get(); }
+
+    kmb_city_report build(const std::string &path, kmb_progress_callback progress = nullptr,
+                          void *progress_user = nullptr) {
+        kmb_city_report report = sized<kmb_city_report>();
+        check(kmb_city_builder_build(get(), path.c_str(), progress, progress_user, &report));
+        return report;
+    }
+
+private:
+    std::unique_ptr<kmb_city_builder, detail::Free> handle_;
 };
 
 // Diamonds as bytes; their sizes are those of the options' cells.

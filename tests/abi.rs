@@ -6,6 +6,11 @@
 use std::mem::offset_of;
 
 use kimberlite::ffi::builder::{kmb_build_report, kmb_builder_options, kmb_entropy, kmb_transform};
+use kimberlite::ffi::city::{KMB_NO_NODE, kmb_blockmap, kmb_city_info, kmb_city_node};
+use kimberlite::ffi::city_builder::{
+    kmb_city_options, kmb_city_paint, kmb_city_report, kmb_paint_kind,
+};
+use kimberlite::ffi::city_visit::{kmb_city_drawn, kmb_city_hit, kmb_city_stats};
 use kimberlite::ffi::codec::kmb_codec_options;
 use kimberlite::ffi::cut::{
     kmb_budget, kmb_colour_form, kmb_cut_options, kmb_grid_to_world, kmb_stats, kmb_vertex_form,
@@ -72,9 +77,9 @@ fn structs_lie_as_c_programs_were_compiled() {
         upload_bytes 32, patches 40
     );
     layout!(
-        kmb_stats, 104, struct_size 0, cut_short 4, refined 8, coarsened 16, patches 24, triangles
+        kmb_stats, 112, struct_size 0, cut_short 4, refined 8, coarsened 16, patches 24, triangles
         32, added 40, removed 48, bytes 56, late_refinements 64, largest_error 72,
-        fixed_microseconds 80, microseconds 88, awaited 96
+        fixed_microseconds 80, microseconds 88, awaited 96, upload_bytes 104
     );
     layout!(kmb_ray, 64, struct_size 0, reserved 4, origin 8, direction 32, longest 56);
     layout!(kmb_hit, 40, struct_size 0, level 4, distance 8, place 16);
@@ -111,6 +116,49 @@ fn structs_lie_as_c_programs_were_compiled() {
     );
 }
 
+#[test]
+fn structs_of_cities_lie_as_c_programs_were_compiled() {
+    layout!(
+        kmb_city_info, 104, struct_size 0, side_texels 4, nodes 8, leaves 12, levels 16, height_bits
+        20, corner 24, side 40, floor 48, heights 56, image_bytes 72, low_height_bytes 80, bytes 88,
+        crs 96
+    );
+    layout!(
+        kmb_city_node, 88, struct_size 0, level 4, place 8, parent 16, first_child 20, corner 24,
+        side 40, heights 48, error 64, height_error 72, colour_error 80
+    );
+    layout!(
+        kmb_blockmap, 88, struct_size 0, side_texels 4, slices 8, height_bits 12, corner 16, side
+        32, heights 40, exposure 48, roof_slope 52, image 56, image_bytes 64, low_heights 72,
+        low_height_bytes 80
+    );
+    layout!(
+        kmb_city_drawn, 24, struct_size 0, node 4, quarters 8, reserved 12, pixels 16
+    );
+    layout!(
+        kmb_city_stats, 96, struct_size 0, cut_short 4, drawn 8, partial 16, resident 24, bytes 32,
+        loaded 40, upload_bytes 48, dropped 56, awaited 64, failed 72, largest_error 80,
+        microseconds 88
+    );
+    layout!(
+        kmb_city_hit, 48, struct_size 0, node 4, distance 8, texel 16, height 24, is_wall 28, normal
+        32, colour 44
+    );
+    layout!(
+        kmb_city_options, 56, struct_size 0, side_texels 4, views 8, height_bits 12, leaf_side 16,
+        exposure 24, threads 32, memory 36, has_facades 40, facades 44, ground_colour 48, reserved
+        52
+    );
+    layout!(
+        kmb_city_paint, 32, struct_size 0, kind 4, colour 8, texture 12, seed 16, reserved 20,
+        coordinates 24
+    );
+    layout!(
+        kmb_city_report, 72, struct_size 0, levels 4, blocks 8, leaves 16, triangles 24, bytes 32,
+        wall_texels 40, unassigned_wall_texels 48, seen_pixels 56, hidden_pixels 64
+    );
+}
+
 macro_rules! numbers {
     ($type:ident, $($name:ident $number:literal),+) => {
         $(assert_eq!($type::$name as u32, $number, stringify!($name));)+
@@ -141,6 +189,10 @@ fn constants_are_those_that_c_programs_were_compiled_with() {
     numbers!(
         kmb_transform, KMB_TRANSFORM_INTERPOLATING 0, KMB_TRANSFORM_LIFTED 1,
         KMB_TRANSFORM_TWO_STAGE 2
+    );
+    assert_eq!(KMB_NO_NODE, u32::MAX);
+    numbers!(
+        kmb_paint_kind, KMB_PAINT_PLAIN 0, KMB_PAINT_TEXTURE 1, KMB_PAINT_FACADE 2
     );
     numbers!(kmb_entropy, KMB_ENTROPY_RANS 0, KMB_ENTROPY_GAMMA 1);
 }

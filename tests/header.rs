@@ -7,7 +7,7 @@ const CAVEATS: &str = include_str!("header.h.in");
 
 /// Sections of the header in its order: title, file of `src/ffi/`, and the types that no function
 /// names.
-const SECTIONS: [(&str, &str, &[&str]); 12] = [
+const SECTIONS: [(&str, &str, &[&str]); 15] = [
     ("Version, errors, messages", "status", &["kmb_log_level"]),
     (
         "Repositories: opening, what is known of them, coordinates",
@@ -57,6 +57,21 @@ const SECTIONS: [(&str, &str, &[&str]); 12] = [
         &[],
     ),
     ("Codecs: the heights of one diamond as bytes", "codec", &[]),
+    (
+        "Cities: opening, what is known of them, single blocks",
+        "city",
+        &[],
+    ),
+    (
+        "Visits of a city: from views to blocks, and rays against them",
+        "city_visit",
+        &[],
+    ),
+    (
+        "City builders: from triangles and files to cities",
+        "city_builder",
+        &["kmb_paint_kind"],
+    ),
 ];
 
 fn section(root: &Path, file: &str, types: &[&str]) -> String {

@@ -150,37 +150,67 @@ fn check(scene: &Scene, options: &CityOptions) -> Result<()> {
         let corners = scene.triangles[bad].corners;
         return wrong(format!("triangle {bad} has impossible corners {corners:?}"));
     }
-    let [least, most] = LEAF_SIDES;
-    let side = options.leaf_side;
-    if side != 0.0 && !(least..=most).contains(&side) {
-        return wrong(format!(
-            "leaves of {side} m: {least} to {most} are possible"
-        ));
+    let textures = scene.textures.iter().map(super::scene::Texture::bytes);
+    options.check_memory(scene.triangles.len() as u64, textures.sum::<usize>() as u64)?;
+    options.check()
+}
+
+impl CityOptions {
+    /// Whether a city can be built so.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for options out of range.
+    pub fn check(&self) -> Result<()> {
+        let wrong = |message: String| Err(Error::Argument(message));
+        let [least, most] = LEAF_SIDES;
+        let side = self.leaf_side;
+        if side != 0.0 && !(least..=most).contains(&side) {
+            return wrong(format!(
+                "leaves of {side} m: {least} to {most} are possible"
+            ));
+        }
+        let bake = &self.bake;
+        if !matches!(bake.side_texels, 32 | 64 | 128) {
+            return wrong(format!(
+                "blocks of {} texels a side: 32, 64 or 128 are needed",
+                bake.side_texels
+            ));
+        }
+        if !(1..=4096).contains(&bake.views) || !(16..=4096).contains(&bake.view_pixels) {
+            return wrong(format!(
+                "{} views of {} pixels a side",
+                bake.views, bake.view_pixels
+            ));
+        }
+        if !(bake.exposure > 0.0 && bake.exposure.is_finite()) {
+            return wrong(format!("walls higher than {} m", bake.exposure));
+        }
+        Ok(())
     }
-    let bake = &options.bake;
-    if !(1..=4096).contains(&bake.views) || !(16..=4096).contains(&bake.view_pixels) {
-        return wrong(format!(
-            "{} views of {} pixels a side",
-            bake.views, bake.view_pixels
-        ));
+
+    /// Most triangles that the memory holds.
+    pub fn most_triangles(&self) -> u64 {
+        self.memory.unwrap_or(u64::MAX) / TRIANGLE_BYTES
     }
-    if !(bake.exposure > 0.0 && bake.exposure.is_finite()) {
-        return wrong(format!("walls higher than {} m", bake.exposure));
-    }
-    let textures: usize = scene
-        .textures
-        .iter()
-        .map(super::scene::Texture::bytes)
-        .sum();
-    let bytes = scene.triangles.len() as u64 * TRIANGLE_BYTES + textures as u64;
-    match options.memory {
-        Some(memory) if bytes > memory => wrong(format!(
-            "{} triangles and {textures} bytes of textures need {} MiB, more than the {} MiB allowed",
-            scene.triangles.len(),
-            bytes >> 20,
-            memory >> 20
-        )),
-        _ => Ok(()),
+
+    /// Whether the memory holds a scene of so many triangles and bytes of textures.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] where it does not.
+    pub fn check_memory(&self, triangles: u64, texture_bytes: u64) -> Result<()> {
+        let bytes = triangles
+            .saturating_mul(TRIANGLE_BYTES)
+            .saturating_add(texture_bytes);
+        match self.memory {
+            Some(memory) if bytes > memory => Err(Error::Argument(format!(
+                "{triangles} triangles and {texture_bytes} bytes of textures need {} MiB, more than the {} MiB allowed",
+                bytes >> 20,
+                memory >> 20
+            ))),
+            _ => Ok(()),
+        }
     }
 }
 

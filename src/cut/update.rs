@@ -90,6 +90,8 @@ pub struct Stats {
     pub added: u64,
     /// Patches that are no longer drawn since this update.
     pub removed: u64,
+    /// Bytes of the patches added.
+    pub uploaded: u64,
     /// Bytes set aside for heights, slopes and patches: enough for the masks and the lists of triangles of all that
     /// may have voids or lie at the border.
     pub bytes: u64,
@@ -255,6 +257,7 @@ impl Cut {
         self.graph.sweep(budget.bytes);
         let changes = self.graph.changes().close_update();
         (stats.added, stats.removed) = (changes.added, changes.removed);
+        stats.uploaded = changes.uploaded;
         let skeleton = self.graph.skeleton();
         stats.bytes = skeleton.bytes() + reserve;
         let next = self.queues.next_refinement(skeleton, view.tolerance);

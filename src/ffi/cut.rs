@@ -153,6 +153,8 @@ pub struct kmb_stats {
     pub microseconds: f64,
     /// Diamonds whose details the cut's threads were asked for and have not given; updates go on without.
     pub awaited: u64,
+    /// Bytes of vertices of the patches that came into the cut, counted as its budget counts them.
+    pub upload_bytes: u64,
 }
 
 /// From grid coordinates (column, row, height unit) to the world, axis by axis: world[i] =
@@ -191,7 +193,7 @@ unsafe impl SizedStruct for kmb_grid_to_world {
     const NAME: &'static str = "kmb_grid_to_world";
 }
 
-/// Threads of one cut.
+/// Threads of one cut, or of one visit of a city.
 const MOST_THREADS: usize = 64;
 
 /// The patches that a viewer draws, kept from frame to frame.
@@ -307,7 +309,7 @@ fn chosen_metric(number: u32) -> Result<Metric, Failure> {
     }
 }
 
-fn chosen_threads(number: u32) -> Result<usize, Failure> {
+pub(super) fn chosen_threads(number: u32) -> Result<usize, Failure> {
     match usize::try_from(number) {
         Ok(threads) if threads <= MOST_THREADS => Ok(threads),
         _ => Err(Failure::argument(format!(
@@ -389,7 +391,7 @@ pub unsafe extern "C" fn kmb_cut_update(
 
 const _: () = assert!(KMB_UNLIMITED == Budget::NO_LIMIT);
 
-fn seen(view: &kmb_view) -> View {
+pub(super) fn seen(view: &kmb_view) -> View {
     View {
         eye: view.eye,
         world_to_clip: view.world_to_clip,
@@ -398,7 +400,7 @@ fn seen(view: &kmb_view) -> View {
     }
 }
 
-fn limits(budget: &kmb_budget) -> Budget {
+pub(super) fn limits(budget: &kmb_budget) -> Budget {
     Budget {
         microseconds: budget.microseconds,
         refinements: budget.refinements,
@@ -424,6 +426,7 @@ fn told(stats: &Stats) -> kmb_stats {
         fixed_microseconds: stats.fixed_microseconds,
         microseconds: stats.microseconds,
         awaited: stats.awaited,
+        upload_bytes: stats.uploaded,
     }
 }
 

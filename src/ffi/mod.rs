@@ -18,6 +18,9 @@
 //! | `repair.rs` | what is left of a damaged repository |
 //! | `raster.rs` | whole rasters as bytes in memory |
 //! | `codec.rs` | one diamond as bytes |
+//! | `city.rs` | cities: opening, what is known of them, single blocks |
+//! | `city_visit.rs` | visits of a city: what a viewer draws, and rays against it |
+//! | `city_builder.rs` | building cities from triangles and files |
 
 // The safety contract of every function is that of a C library; the header's first section states
 // it once.
@@ -26,6 +29,9 @@
 
 mod boundary;
 pub mod builder;
+pub mod city;
+pub mod city_builder;
+pub mod city_visit;
 pub mod codec;
 pub mod cut;
 pub mod patch;

@@ -231,7 +231,7 @@ pub unsafe extern "C" fn kmb_repository_open(
     })
 }
 
-fn chosen_access(number: u32) -> Result<Access, Failure> {
+pub(super) fn chosen_access(number: u32) -> Result<Access, Failure> {
     match number {
         number if number == kmb_access::KMB_ACCESS_MAP as u32 => Ok(Access::Map),
         number if number == kmb_access::KMB_ACCESS_POSITIONED as u32 => Ok(Access::Positioned),
@@ -239,7 +239,7 @@ fn chosen_access(number: u32) -> Result<Access, Failure> {
     }
 }
 
-fn c_string(text: &str) -> CString {
+pub(super) fn c_string(text: &str) -> CString {
     CString::new(text.replace('\0', " ")).unwrap_or_default()
 }
 
