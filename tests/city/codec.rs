@@ -129,7 +129,7 @@ fn read(bytes: &[u8]) -> Result<BlockMap, String> {
 
 #[test]
 fn every_size_and_content_comes_back() {
-    for side_log2 in 5..=7 {
+    for side_log2 in 5..=7u32 {
         for slices_log2 in 0..side_log2 {
             for content in CONTENTS {
                 let seed = (10 * side_log2 + slices_log2) as u64;
