@@ -18,7 +18,7 @@ static const double SKY[3] = {150, 190, 235};
 struct comparison {
     double psnr_mean, psnr_min;
     long views, pixels, holes, ghosts, near, partial;
-    double largest_difference;
+    double largest_difference, differences;
 };
 
 struct bench {
@@ -144,14 +144,14 @@ static int falls_inside(const kmb_city_info *info, const kmb_ray *ray)
     return distance > 0;
 }
 
-/* Within one step of the heights, or within a texel along the ground. */
+/* Within one step of 8 bits of all the city's heights, or where the ray grazes the ground, within a texel along it. */
 static int is_near(const struct bench *bench, const kmb_ray *ray, const kmb_city_hit *hit, double distance)
 {
     kmb_city_node node = {.struct_size = sizeof node};
     CHECK_STATUS(KMB_OK, kmb_city_node_at(bench->city, hit->node, &node));
-    double off = fabs(distance - hit->distance), across = off * hypot(ray->direction[0], ray->direction[1]);
-    double step = (node.heights[1] - node.heights[0]) / (bench->info.height_bits == 8 ? 255 : 65535);
-    return off * fabs(ray->direction[2]) <= step || across <= node.side / bench->info.side_texels;
+    double off = fabs(distance - hit->distance), along = hypot(ray->direction[0], ray->direction[1]);
+    double down = fabs(ray->direction[2]), step = (bench->info.heights[1] - bench->info.heights[0]) / 255;
+    return off * down <= step || (down < 0.1 * along && off * along <= node.side / bench->info.side_texels);
 }
 
 static void compare(struct bench *bench, const kmb_view *view)
@@ -176,6 +176,7 @@ static void compare(struct bench *bench, const kmb_view *view)
         if (is_drawn && is_met) {
             double distance = distance_of(view, ray, bench->depths[i]);
             found->near += is_near(bench, ray, hit, distance);
+            found->differences += fabs(distance - hit->distance);
             found->largest_difference = fmax(found->largest_difference, fabs(distance - hit->distance));
         }
     }
@@ -254,10 +255,10 @@ static void compare_city(const char *path, int views, int size)
     for (int number = 0; number < views; number++) see(&bench, number, views);
     struct comparison *found = &bench.found;
     double compared = (double)(found->pixels - found->ghosts);
-    printf("%s: %ld views, %ld pixels, PSNR %.1f dB (least %.1f), depths within a step %.4f %%, largest difference %.3f, "
-           "holes %ld, ghosts %ld, partial blocks %ld\n", path, found->views, found->pixels, found->psnr_mean / views,
-           found->psnr_min, 100 * (double)found->near / compared, found->largest_difference, found->holes, found->ghosts,
-           found->partial);
+    printf("%s: %ld views, %ld pixels, PSNR %.1f dB (least %.1f), depths within a step %.4f %%, mean difference %.5f, "
+           "largest %.3f, holes %ld, ghosts %ld, partial blocks %ld\n", path, found->views, found->pixels, found->psnr_mean / views,
+           found->psnr_min, 100 * (double)found->near / compared, found->differences / compared, found->largest_difference,
+           found->holes, found->ghosts, found->partial);
     CHECK(found->psnr_min >= 40 && (double)found->near >= 0.999 * compared);
     CHECK(found->holes == 0 && (double)found->ghosts <= 1e-3 * compared && (views < 8 || found->partial > 0));
     end(&bench);
