@@ -7,12 +7,14 @@
 # make flights triangles against the error on the screen, the time of an update, and recovery from a jump, for docs/charts/: over FILE=x.kmb, else over
 #              the largest GeoTIFF of DATA or data/, built at a max error of 1; ARGS="--parts frame,jump" only what is timed
 # make rays    rays against the finest surface, ours and Embree's on the same triangles; FILE and DATA as for flights; ARGS="--rays N --scenes mesh"
+# make cities  bytes of cities against their likeness to their triangles, and a flight through 20,000 generated buildings, for docs/charts/; DATA=folder of
+#              CityJSON, ARGS="--buildings N"
 # make storage the same blocks in our file, LMDB, redb and SQLite: size, opening, look-ups, scans; FILE=x.kmb, ARGS="--grow MIB" repeats its blocks
 # make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads; a build killed at fifty
 #              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory;
 #              20,000 random legal cuts without a crack, half of them with colours and detail, 30,000 settled ones as good as fresh ones, 10,000 whose diamonds threads
 #              decode; four viewers on one repository for ten minutes; a million heights of a raster;
-#              100,000 rays against every triangle
+#              100,000 rays against every triangle; 10 million into cities of mixed levels, and 4 million by both casters of BlockMaps
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
 
@@ -24,7 +26,7 @@ KMB := target/release/kmb
 PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick python3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo check deps build library examples header sweep peers chart flights rays storage soak clean
+.PHONY: demo check deps build library examples header sweep peers chart flights rays cities storage soak clean
 
 deps:
 	@missing=""; for p in $(PACKAGES); do dpkg -s $$p 2>/dev/null | grep -q '^Status: install ok installed' || missing="$$missing $$p"; done; \
@@ -101,6 +103,19 @@ rays:
 	fi; \
 	target/rays/rays-bench "$$file" $(ARGS)
 
+# DATA is a folder of cities; what it does not have is said.
+cities:
+	@mkdir -p target/cities
+	cargo build --release --locked
+	cargo build --release --locked --manifest-path benches/cities/Cargo.toml --target-dir target
+	@set -e; inputs=$$(ls "$(or $(DATA),data/city)"/*.city.json "$(or $(DATA),data/city)"/*/*.city.json 2>/dev/null || true); \
+	if [ -z "$$inputs" ]; then echo "cities: skipped, there is no CityJSON in $(or $(DATA),data/city)"; else \
+	python3 -B benches/peers/cities.py measure $(KMB) docs/charts $$inputs; fi; \
+	rm -f target/cities/city.kmb; \
+	$(KMB) build data/puget_sound_1025_decimetres.png -o target/cities/terrain.kmb --max-error 5 --spacing 160 --scale 0.1; \
+	target/release/cities-bench target/cities/terrain.kmb target/cities/city.kmb --csv docs/charts/city_flight.csv $(ARGS); \
+	python3 -B benches/peers/cities.py draw docs/charts
+
 # Its own package, as check need not compile three databases.
 storage:
 	@mkdir -p target/storage
@@ -113,6 +128,8 @@ soak:
 	KIMBERLITE_CASES=10000 cargo test --locked --release --test cut -- conformity:: grounds:: best:: threads::
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test cut -- --nocapture heights:: ray_hits::
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test viewers -- --nocapture
+	KIMBERLITE_CASES=10000 cargo test --locked --release --test city -- casting::
+	KIMBERLITE_SOAK=1 cargo test --locked --release --test city -- seams::
 
 clean:
 	rm -rf target

@@ -236,8 +236,10 @@ fn equal_decisions_cost_almost_nothing() {
     for decision in [false, true] {
         assert!(encode_decisions(&vec![(0, decision); 4096]).len() <= 3);
     }
-    let bytes = encode_decisions(&[(0, true); 100]);
-    assert!(bytes.is_empty(), "zeros stand for them");
+    assert!(
+        encode_decisions(&[(0, true); 100]).is_empty(),
+        "zeros stand for them"
+    );
 }
 
 #[test]

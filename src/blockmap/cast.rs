@@ -56,6 +56,8 @@ pub struct Caster<M> {
     starts: [usize; LEVELS],
     /// The level of one square.
     top_level: u32,
+    /// Texels of a metre.
+    per_metre: f64,
     /// Columns of walls, row by row.
     walls: Vec<u8>,
     /// Height of the steepest step of a roof.
@@ -124,6 +126,7 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
             heights,
             starts,
             top_level,
+            per_metre: side as f64 / map.side,
             walls: (0..side * side)
                 .map(|index| map.wall_column(index % side, index / side))
                 .collect(),
@@ -198,7 +201,7 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
     fn walk_from(&self, beam: &Beam, start: f64, end: f64, entry: Entry) -> Walk {
         let map = &*self.map;
         let side = map.side_texels as f32;
-        let per_metre = map.side_texels as f64 / map.side;
+        let per_metre = self.per_metre;
         let mut walk = Walk {
             origin: [
                 0.0,
@@ -376,7 +379,7 @@ impl Beam {
         heights: [f64; 2],
     ) -> Option<([f64; 2], Entry)> {
         let (mut start, mut end, mut entry) = (0.0f64, f64::INFINITY, Entry::Above);
-        let [x, y] = corner.map(|along| [along, along + side]);
+        let [x, y] = corner.map(|low| [low, low + side]);
         for (axis, [low, high]) in [x, y, heights].into_iter().enumerate() {
             let origin = self.origin[axis];
             if self.direction[axis] == 0.0 {

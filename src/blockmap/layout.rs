@@ -142,7 +142,7 @@ impl BlockMap {
 
     /// A texel's column of walls, 0 for none.
     pub fn wall_column(&self, column: usize, row: usize) -> u8 {
-        self.at(column, row)[1]
+        self.image[TEXEL * (row * self.width() + column) + 1]
     }
 
     /// The unit normal of a roof or of the ground, z upwards.

@@ -10,6 +10,7 @@ pub mod facade;
 mod layout;
 mod merge;
 mod orthographic;
+mod png;
 mod raster;
 mod rays;
 mod scene;
@@ -20,6 +21,7 @@ mod tree;
 mod visit;
 mod walls;
 
+pub use self::png::{read_png, write_png};
 pub use bake::{BakeOptions, BakeReport, Ground, bake};
 pub use cast::{Caster, Hit, Ray, Surface};
 pub use city::City;

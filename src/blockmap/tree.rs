@@ -119,6 +119,10 @@ impl Tree {
         };
         for (index, bytes) in body.as_chunks::<NODE_BYTES>().0.iter().enumerate() {
             tree.fill(index, bytes, depth)?;
+            // Before they take more memory than their bytes promised.
+            if tree.nodes.len() > count {
+                return Err(format!("more than {count} nodes"));
+            }
         }
         if tree.nodes.len() != count {
             return Err(format!("{} nodes instead of {count}", tree.nodes.len()));

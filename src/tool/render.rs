@@ -11,6 +11,8 @@ use std::io::BufWriter;
 use std::path::Path;
 use std::time::Instant;
 
+/// Circles of eyes around the city.
+const RINGS: usize = 3;
 /// Tangent of half the field of view, upright.
 const HALF_VIEW: f64 = 0.45;
 /// Share of the light that comes from all around.
@@ -67,6 +69,8 @@ pub struct Likeness {
     pub psnr_min: f64,
     /// Mean difference of distances along a ray where both show something, in metres.
     pub depth_error_mean: f64,
+    /// Mean PSNR and depth error of each ring: far, middle, near; NaN without views.
+    pub rings: [[f64; 2]; RINGS],
 }
 
 /// An eye and what its pixels see.
@@ -141,19 +145,35 @@ pub fn render(
         }
     }
     rendered.rays_per_second = rendered.rays as f64 / seconds.max(1e-9);
-    rendered.likeness = (!likeness.is_empty()).then(|| {
-        let depths: u64 = likeness.iter().map(|view| view.2).sum();
-        Likeness {
-            psnr_mean: likeness.iter().map(|view| view.0).sum::<f64>() / likeness.len() as f64,
-            psnr_min: likeness
-                .iter()
-                .map(|view| view.0)
-                .fold(f64::INFINITY, f64::min),
-            depth_error_mean: likeness.iter().map(|view| view.1).sum::<f64>()
-                / depths.max(1) as f64,
-        }
-    });
+    rendered.likeness = (!likeness.is_empty()).then(|| mean(&likeness));
     Ok(rendered)
+}
+
+/// Of views in the order of their rings: PSNR, sum of differences of distances, and how many.
+fn mean(views: &[(f64, f64, u64)]) -> Likeness {
+    let figures = |views: &[(f64, f64, u64)]| {
+        let depths: u64 = views.iter().map(|view| view.2).sum();
+        let psnr = views.iter().map(|view| view.0).sum::<f64>() / views.len() as f64;
+        [
+            psnr,
+            views.iter().map(|view| view.1).sum::<f64>() / depths.max(1) as f64,
+        ]
+    };
+    let [psnr_mean, depth_error_mean] = figures(views);
+    let mut rings = [[f64::NAN; 2]; RINGS];
+    let each = views.len().div_ceil(RINGS);
+    for (ring, views) in rings.iter_mut().zip(views.chunks(each)) {
+        *ring = figures(views);
+    }
+    Likeness {
+        psnr_mean,
+        psnr_min: views
+            .iter()
+            .map(|view| view.0)
+            .fold(f64::INFINITY, f64::min),
+        depth_error_mean,
+        rings,
+    }
 }
 
 impl Camera {
@@ -167,8 +187,8 @@ impl Camera {
             low,
         );
         // Radius, height and the distance of what is looked at from the middle, in sides of the city.
-        let rings = [[1.1, 0.6, 0.0], [0.55, 0.25, 0.05], [0.2, 0.06, 0.15]];
-        let each = what.views.div_ceil(rings.len());
+        let rings: [[f64; 3]; RINGS] = [[1.1, 0.6, 0.0], [0.55, 0.25, 0.05], [0.2, 0.06, 0.15]];
+        let each = what.views.div_ceil(RINGS);
         let [radius, rise, beyond] = rings[number / each];
         let turn = (number % each) as f64 / each as f64 + 0.03;
         let around = DVec3::new(

@@ -2,7 +2,10 @@
 
 mod bakes;
 mod casting;
+mod codec;
+mod png;
 mod samples;
 mod seams;
 mod sources;
+mod tree;
 mod visits;

@@ -249,9 +249,12 @@ pub struct Update {
 #[derive(Args)]
 pub struct Extract {
     pub file: PathBuf,
-    /// The GeoTIFF to write
-    #[arg(short, long, value_name = "OUT.tif")]
+    /// The GeoTIFF to write, of a city's block the PNG
+    #[arg(short, long, value_name = "OUT")]
     pub output: PathBuf,
+    /// The BlockMap of a node of a city, 0 for the root
+    #[arg(long, value_name = "N", conflicts_with_all = ["level", "bbox"])]
+    pub block: Option<u32>,
     /// An even level; the finest by default, every two levels less double the distance between samples
     #[arg(long, value_name = "L")]
     pub level: Option<u32>,
@@ -314,7 +317,7 @@ pub struct BuildCity {
     /// Walls without textures get windows, by this seed
     #[arg(long, value_name = "SEED")]
     pub facades: Option<u32>,
-    /// A repository of heights that the city stands on, in the same reference system
+    /// A repository of heights that the city stands on, in the same world coordinates
     #[arg(long, value_name = "F.kmb")]
     pub ground: Option<PathBuf>,
     /// Memory that triangles and textures may take [default: no limit]

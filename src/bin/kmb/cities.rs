@@ -4,8 +4,10 @@ use crate::arguments;
 use crate::commands::{Outcome, open_heights, start_progress};
 use crate::report::Report;
 use kimberlite::blockmap::source::{SourceOptions, read};
-use kimberlite::blockmap::{BakeOptions, City, CityOptions, Ground, Ray, Scene, Visit, build_city};
-use kimberlite::cut::Query;
+use kimberlite::blockmap::{
+    BakeOptions, City, CityOptions, Ground, Ray, Scene, Visit, build_city, write_png,
+};
+use kimberlite::cut::{DiamondSource, Query};
 use kimberlite::store::Access;
 use kimberlite::tool::{self, Original, Render, peak_memory_bytes};
 use kimberlite::{Error, Result};
@@ -37,7 +39,7 @@ impl Base {
     fn height(&self, [x, y]: [f64; 2]) -> f64 {
         let height = self.terrain.as_ref().and_then(|query| {
             let mut query = query.lock().unwrap_or_else(PoisonError::into_inner);
-            query.height_at_crs(x, y).ok().flatten()
+            query.height_at_world(x, y).ok().flatten()
         });
         height.map_or(self.plane, |height| height.height)
     }
@@ -45,8 +47,8 @@ impl Base {
     fn spacing(&self) -> f64 {
         self.terrain.as_ref().map_or(f64::INFINITY, |query| {
             let query = query.lock().unwrap_or_else(PoisonError::into_inner);
-            let [_, a, b, _, c, d] = query.terrain().raster_info().geotransform;
-            a.hypot(c).min(b.hypot(d))
+            let step = query.terrain().frame().step;
+            step[0].abs().min(step[1].abs())
         })
     }
 
@@ -144,6 +146,14 @@ pub fn render(arguments: &arguments::RenderCity) -> Result<Report> {
         .with("psnr_mean", like.map(|like| like.psnr_mean))
         .with("psnr_min", like.map(|like| like.psnr_min))
         .with("depth_error_mean", like.map(|like| like.depth_error_mean))
+        .with(
+            "psnr_rings",
+            like.map(|like| like.rings.map(|[psnr, _]| psnr).to_vec()),
+        )
+        .with(
+            "depth_error_rings",
+            like.map(|like| like.rings.map(|[_, depth]| depth).to_vec()),
+        )
         .with("holes", seen.holes)
         .with("rays", seen.rays)
         .with("rays_per_second", seen.rays_per_second))
@@ -190,4 +200,14 @@ pub fn open_city(file: &Path) -> Result<Option<City>> {
         Err(Error::Input { message, .. }) if message == "it is not a city" => Ok(None),
         opened => opened.map(Some),
     }
+}
+
+/// The BlockMap of a node as an image.
+pub fn extract(file: &Path, node: u32, output: &Path) -> Result<Report> {
+    let map = City::open(file, Access::Map)?.read(node)?;
+    write_png(&map, output)?;
+    Ok(Report::default()
+        .with("width", map.width())
+        .with("height", map.side_texels)
+        .with("slices", map.slices))
 }

@@ -408,6 +408,9 @@ fn corners_of(numbers: &[f64]) -> [f64; 4] {
 }
 
 fn extract(arguments: &arguments::Extract) -> Result<Report> {
+    if let Some(node) = arguments.block {
+        return cities::extract(&arguments.file, node, &arguments.output);
+    }
     let corners = arguments.bbox.as_deref().map(corners_of);
     let what = Extract {
         level: arguments.level,
