@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# The demo: Puget Sound at 1 m, built, checked, flown over, looked at from above.
+# The demo: Puget Sound at 1 m, built, checked, flown over, looked at from above; the Rocky Mountains under an image; Delft as BlockMaps.
 # demo.sh KMB BUILD_FOLDER OUTPUT_FOLDER
 set -euo pipefail
 kmb=$1 programs=$2/c_examples out=$3
 repository=$out/puget_sound.kmb
 raster=data/puget_sound_1025_decimetres.png
 mkdir -p "$out"
-rm -rf "$out"/flight "$out"/levels "$out"/steep "$out"/colours "$out"/summary.txt "$out"/*.png
+rm -rf "$out"/flight "$out"/levels "$out"/steep "$out"/colours "$out"/city "$out"/summary.txt "$out"/*.png
 
 # Samples are decimetres: 10 of them are 1 m.
 placed=(--spacing 160 --scale 0.1)
@@ -28,13 +28,17 @@ rocky=$out/rocky_mountains image=data/rocky_mountain_np_landsat_rgb
 "$kmb" fly "$rocky.kmb" --colour "$rocky.colours.kmb" --frames 120 --size 1280x1024 --json > "$out/fly_colours.json"
 "$programs/flyover" "$rocky.kmb" --colour "$rocky.colours.kmb" --frames 120 --size 1280x1024 --every 40 \
     --detail 4 --roughness 0.05 --meter --out "$out/colours"
+echo "== a part of Delft as BlockMaps, drawn by a shader"
+"$kmb" build-city data/city/delft_lod1.city.json -o "$out/delft.kmb" --facades 7 --json > "$out/delft.json"
+"$kmb" verify "$out/delft.kmb" --json > "$out/delft_verify.json"
+"$programs/city" "$out/delft.kmb" --frames 24 --size 1280x1024 --every 6 --out "$out/city"
 echo "== the viewer in a window"
 xvfb-run -a -s "-screen 0 1280x1024x24" "$programs/viewer" "$repository" --frames 60 --screenshot "$out/viewer.png"
 
 montage "$out"/flight/*.png -geometry 480x384+4+4 -tile 4x -background '#202020' "$out/contact_sheet.png"
 {
     echo "Puget Sound, 1025 x 1025 samples, 160 m apart, maximum error 1 m"
-    for part in build verify fly rocky rocky_colours fly_colours; do printf '\n%s\n' "$part"; cat "$out/$part.json"; done
-    for part in flight steep colours; do printf '\n%s\n' "$part"; cat "$out/$part/summary.json"; done
+    for part in build verify fly rocky rocky_colours fly_colours delft delft_verify; do printf '\n%s\n' "$part"; cat "$out/$part.json"; done
+    for part in flight steep colours city; do printf '\n%s\n' "$part"; cat "$out/$part/summary.json"; done
 } > "$out/summary.txt"
 echo "== pictures and summary in $out: contact_sheet.png, summary.txt"

@@ -409,7 +409,8 @@ fn header(tree: &Tree, scene: &Scene, options: &CityOptions) -> Header {
         cells_log2: side_texels.ilog2() as u8,
         levels: 2 * tree.depth() as u8,
         lossless: false,
-        block_length_unit: 4,
+        // An image of noise is longer than 65534 times 4 bytes.
+        block_length_unit: 8,
         bound_units: 0,
         unit_min: 0,
         unit_max: if options.bake.has_16_bits { 65535 } else { 255 },

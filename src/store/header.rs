@@ -121,7 +121,7 @@ pub struct Header {
     pub levels: u8,
     /// Whether the decoded samples equal the input's.
     pub lossless: bool,
-    /// Bytes that a block's length is a multiple of: 1, or 4 where blocks may exceed 65534 bytes.
+    /// Bytes that a block's length is a multiple of: 1, or 4 or 8 where blocks may exceed 65534 bytes or four times as many.
     pub block_length_unit: u8,
     /// The quantiser's bound e, in units; of colours what the bounds of the components follow from.
     pub bound_units: u32,
@@ -237,7 +237,7 @@ impl Header {
             format!("2^{cells_log2} cells a side")
         } else if levels % 2 != 0 || levels / 2 + cells_log2 > LATTICE_BITS {
             format!("{levels} levels of 2^{cells_log2} cells")
-        } else if !matches!(self.block_length_unit, 1 | 4) {
+        } else if !matches!(self.block_length_unit, 1 | 4 | 8) {
             format!("block length unit {}", self.block_length_unit)
         } else if self.raster.width == 0 || self.raster.height == 0 {
             format!("{} x {} samples", self.raster.width, self.raster.height)
