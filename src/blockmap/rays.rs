@@ -84,11 +84,12 @@ impl<'a> CityRays<'a> {
 
     fn cast_node(&self, beam: &Beam, node: u32) -> Option<(u32, Hit)> {
         let place = self.places[node as usize];
-        if !place.leads_on {
+        if place.quarters == super::visit::ALL_QUARTERS {
             let caster = &self.casters[place.caster as usize];
-            if place.quarters == super::visit::ALL_QUARTERS {
-                return Some((node, caster.hit(beam)?));
-            }
+            return Some((node, caster.hit(beam)?));
+        }
+        if place.quarters == 0 && !place.leads_on {
+            return None;
         }
         let found = &self.tree.nodes[node as usize];
         let top = f64::from(found.heights[1]);

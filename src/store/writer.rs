@@ -128,7 +128,7 @@ impl Writer {
             let message = format!("block {rank} has {} bytes, too many", block.len());
             return Err(Error::Argument(message));
         };
-        let padding = &[0; 4][..usize::from(length) * unit - block.len()];
+        let padding = &[0; 8][..usize::from(length) * unit - block.len()];
         for bytes in [block, padding] {
             self.group.update(bytes);
             self.out.put(bytes)?;

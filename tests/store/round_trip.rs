@@ -62,7 +62,8 @@ fn any_header() -> impl Strategy<Value = Header> {
                 cells_log2: shape.0,
                 levels: 2 * shape.1,
                 lossless: flags[0],
-                block_length_unit: if flags[1] { 4 } else { 1 },
+                block_length_unit: [1, 4, 8]
+                    [usize::from(flags[1]) + usize::from(flags[0] && flags[1])],
                 bound_units,
                 unit_min: range.0.min(range.1),
                 unit_max: range.0.max(range.1),
@@ -146,7 +147,7 @@ fn header_and_codes_known_only_at_the_end_are_lost() {
 
 #[test]
 fn the_largest_block_does_not_fit_or_a_larger_one_is_cut() {
-    for unit in [1, 4] {
+    for unit in [1, 4, 8] {
         let folder = Folder::new();
         let mut content = Content::small(2);
         content.header.block_length_unit = unit;
