@@ -33,15 +33,22 @@ pub struct BakeOptions {
     pub exposure: f32,
 }
 
-impl Default for BakeOptions {
-    fn default() -> BakeOptions {
+impl BakeOptions {
+    /// As it is done by default with so many texels along a block: 64 views with two pixels a texel, heights of 8 bits.
+    pub fn of(side_texels: usize) -> BakeOptions {
         BakeOptions {
-            side_texels: 128,
+            side_texels,
             views: 64,
-            view_pixels: 256,
+            view_pixels: 2 * side_texels,
             has_16_bits: false,
             exposure: 1.5,
         }
+    }
+}
+
+impl Default for BakeOptions {
+    fn default() -> BakeOptions {
+        BakeOptions::of(128)
     }
 }
 

@@ -212,7 +212,10 @@ impl kmb_city_builder {
             0 => otherwise,
             number => number as usize,
         };
-        let usual = BakeOptions::default();
+        let usual = BakeOptions::of(match options.side_texels {
+            0 => 128,
+            texels => texels as usize,
+        });
         let has_16_bits = match options.height_bits {
             0 | 8 => false,
             16 => true,
@@ -229,7 +232,6 @@ impl kmb_city_builder {
         };
         self.options = CityOptions {
             bake: BakeOptions {
-                side_texels: or(options.side_texels, usual.side_texels),
                 views: or(options.views, usual.views),
                 has_16_bits,
                 exposure,

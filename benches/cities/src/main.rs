@@ -35,7 +35,7 @@ struct Arguments {
     #[arg(long, default_value_t = 1)]
     seed: u32,
     /// Metres along the city
-    #[arg(long, default_value_t = 5000.0)]
+    #[arg(long, default_value_t = 4000.0)]
     side: f64,
     /// Texels along a block
     #[arg(long, default_value_t = 64)]
@@ -98,10 +98,7 @@ fn build(arguments: &Arguments, terrain: &Arc<Terrain>) -> Result<()> {
         colour: GROUND,
     };
     let options = CityOptions {
-        bake: BakeOptions {
-            side_texels: arguments.k,
-            ..BakeOptions::default()
-        },
+        bake: BakeOptions::of(arguments.k),
         memory: Some(arguments.memory << 20),
         ..CityOptions::default()
     };

@@ -78,10 +78,9 @@ pub fn build(arguments: &arguments::BuildCity) -> Result<Report> {
     let base = Base::new(&scene, arguments.ground.as_deref())?;
     let options = CityOptions {
         bake: BakeOptions {
-            side_texels: arguments.k as usize,
             views: arguments.views,
             has_16_bits: arguments.heights == 16,
-            ..BakeOptions::default()
+            ..BakeOptions::of(arguments.k as usize)
         },
         leaf_side: arguments.leaf.unwrap_or_default(),
         memory: arguments.memory.map(|mebibytes| mebibytes << 20),
