@@ -9,6 +9,7 @@
 # make rays    rays against the finest surface, ours and Embree's on the same triangles; FILE and DATA as for flights; ARGS="--rays N --scenes mesh"
 # make cities  bytes of cities against their likeness to their triangles, and a flight through 20,000 generated buildings, for docs/charts/; DATA=folder of
 #              CityJSON, ARGS="--buildings N"
+# make city-rays primary rays against BlockMaps, and Embree's against the triangles that they were built from
 # make storage the same blocks in our file, LMDB, redb and SQLite: size, opening, look-ups, scans; FILE=x.kmb, ARGS="--grow MIB" repeats its blocks
 # make soak    the long runs: a thousand flipped bits and a thousand truncations through every command that reads; a build killed at fifty
 #              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory;
@@ -26,7 +27,7 @@ KMB := target/release/kmb
 PACKAGES := cmake pkg-config g++ libglfw3-dev libosmesa6-dev libpng-dev libgl-dev xvfb xauth valgrind libc6-dbg imagemagick python3
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo check deps build library examples header sweep peers chart flights rays cities storage soak clean
+.PHONY: demo check deps build library examples header sweep peers chart flights rays cities city-rays storage soak clean
 
 deps:
 	@missing=""; for p in $(PACKAGES); do dpkg -s $$p 2>/dev/null | grep -q '^Status: install ok installed' || missing="$$missing $$p"; done; \
@@ -115,6 +116,17 @@ cities:
 	$(KMB) build data/puget_sound_1025_decimetres.png -o target/cities/terrain.kmb --max-error 5 --spacing 160 --scale 0.1; \
 	target/release/cities-bench target/cities/terrain.kmb target/cities/city.kmb --csv docs/charts/city_flight.csv $(ARGS); \
 	python3 -B benches/peers/cities.py draw docs/charts
+
+# Not in PACKAGES, as nothing else needs Embree.
+city-rays:
+	@mkdir -p target/cities
+	@dpkg -s libembree-dev 2>/dev/null | grep -q '^Status: install ok installed' || $(MAKE) deps PACKAGES="g++ libembree-dev"
+	cargo build --release --locked
+	cargo build --release --locked --manifest-path benches/cities/Cargo.toml --target-dir target
+	g++ -O3 -std=c++17 -Wall -Wextra -Iinclude benches/cities/embree.cpp -o target/cities/embree target/release/libkimberlite.a -lembree3 -lpthread -ldl -lm
+	target/release/triangles target/cities/delft.bin data/city/delft_lod1.city.json
+	target/cities/embree target/cities target/cities/delft.bin
+	target/cities/embree target/cities
 
 # Its own package, as check need not compile three databases.
 storage:
