@@ -1,7 +1,9 @@
 /* A city is built from triangles, opened, read, visited within budgets and met by rays; what is wrong is refused, and what is damaged
  * is found. */
+#define _POSIX_C_SOURCE 200809L /* nanosleep */
 #include <math.h>
 #include <string.h>
+#include <time.h>
 
 #include "check.h"
 
@@ -162,6 +164,13 @@ static void check_cover(const kmb_city *city, const kmb_city_visit *visit)
     CHECK(area == root.side * root.side);
 }
 
+/* Lets threads decode, however slowly they run under a checker. */
+static void await(uint32_t threads)
+{
+    struct timespec pause = {0, 10000000};
+    if (threads > 0) nanosleep(&pause, NULL);
+}
+
 static void visits_keep_to_their_budgets(const kmb_city *city, const kmb_city_info *info, uint32_t threads)
 {
     uint64_t each = info->image_bytes + info->low_height_bytes;
@@ -183,13 +192,16 @@ static void visits_keep_to_their_budgets(const kmb_city *city, const kmb_city_in
         CHECK(count == stats.dropped && held == stats.resident && stats.bytes == held * each && held <= 9);
         CHECK(stats.failed == 0 && stats.microseconds > 0 && stats.upload_bytes == stats.loaded * each);
         check_cover(city, visit);
+        await(threads);
     }
     CHECK(stats.cut_short && stats.drawn > 1);
     budget = no_limits(), budget.bytes = each - 1;
     CHECK_STATUS(KMB_BUDGET_TOO_SMALL, kmb_city_visit_update(visit, &view, &budget, &stats));
     CHECK(stats.drawn == 1 && stats.resident == 1);
-    for (int frame = 0; frame < 2000 && (stats.cut_short || frame == 0); frame++)
+    for (int frame = 0; frame < 2000 && (stats.cut_short || frame == 0); frame++) {
         CHECK_STATUS(KMB_OK, kmb_city_visit_update(visit, &view, NULL, &stats));
+        await(threads);
+    }
     CHECK(!stats.cut_short && stats.largest_error == 0);
     view.tolerance = 1e9;
     CHECK_STATUS(KMB_OK, kmb_city_visit_update(visit, &view, NULL, &stats));
