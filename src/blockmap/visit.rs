@@ -11,6 +11,7 @@ use crate::geo::View;
 use crate::log::{self, LogLevel};
 use crate::schedule::{Budget, Deadline, Ranked, Workers};
 use crate::{Error, Result};
+use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -92,13 +93,17 @@ pub struct Visit {
     frame: u64,
 }
 
+/// A node by its urgency: of those whose errors are equal, or infinite around the eye, coarse ones come first, so that something
+/// finer is soon there everywhere.
+type Wanted = (Class, Ranked<Reverse<u32>>);
+
 /// What the requesting visit found.
 struct Plan {
     /// Nodes that are to be divided.
     divided: HashSet<u32>,
     /// Errors on the screen of all seen nodes that were visited.
     pixels: HashMap<u32, f64>,
-    wanted: Vec<(Class, Ranked<u32>)>,
+    wanted: Vec<Wanted>,
     is_cut_short: bool,
 }
 
@@ -239,16 +244,21 @@ impl Visit {
         plan.pixels.insert(0, root);
         heap.push(Ranked {
             key: root,
-            item: 0u32,
+            item: Reverse(0u32),
         });
-        while let Some(Ranked { key, item }) = heap.pop() {
-            plan.wanted.push((Class::Seen, Ranked { key, item }));
+        while let Some(next) = heap.pop() {
+            plan.wanted.push((Class::Seen, next));
+            let (key, Reverse(item)) = (next.key, next.item);
             let Some(first) = tree.nodes[item as usize].children else {
                 continue;
             };
             let children = first..first + 4;
             if key <= tolerance {
-                let finer = children.map(|node| (Class::Finer, Ranked { key, item: node }));
+                let item = |node| Ranked {
+                    key,
+                    item: Reverse(node),
+                };
+                let finer = children.map(|node| (Class::Finer, item(node)));
                 plan.wanted.extend(finer);
                 continue;
             }
@@ -268,14 +278,14 @@ impl Visit {
                     plan.pixels.insert(node, pixels);
                     heap.push(Ranked {
                         key: pixels,
-                        item: node,
+                        item: Reverse(node),
                     });
                 } else if sight.sees(tree, node, 1.0) {
                     plan.wanted.push((
                         Class::Beside,
                         Ranked {
                             key: pixels,
-                            item: node,
+                            item: Reverse(node),
                         },
                     ));
                 }
@@ -285,21 +295,22 @@ impl Visit {
     }
 
     /// What is wanted and not there, the most urgent first. Nodes above those to be drawn are not wanted where these are there.
-    fn missing(&mut self, plan: &Plan) -> Vec<(Class, Ranked<u32>)> {
+    fn missing(&mut self, plan: &Plan) -> Vec<Wanted> {
         let frame = self.frame;
         let mut missing = Vec::new();
         for &(class, wanted) in &plan.wanted {
-            if let Some(resident) = self.resident.get_mut(&wanted.item) {
-                if class == Class::Seen && !plan.divided.contains(&wanted.item) {
+            let Reverse(node) = wanted.item;
+            if let Some(resident) = self.resident.get_mut(&node) {
+                if class == Class::Seen && !plan.divided.contains(&node) {
                     resident.used = frame;
                 }
                 continue;
             }
-            if self.failed.contains(&wanted.item) {
+            if self.failed.contains(&node) {
                 continue;
             }
-            let is_inner = plan.divided.contains(&wanted.item);
-            if !(is_inner && self.is_covered(wanted.item, plan)) {
+            let is_inner = plan.divided.contains(&node);
+            if !(is_inner && self.is_covered(node, plan)) {
                 missing.push((class, wanted));
             }
         }
@@ -323,25 +334,20 @@ impl Visit {
     }
 
     /// Brings in what is missing, at most so many. Prefetched blocks take no seen one's place.
-    fn load(
-        &mut self,
-        wanted: &[(Class, Ranked<u32>)],
-        capacity: u64,
-        most: u64,
-        deadline: &Deadline,
-    ) -> u64 {
+    fn load(&mut self, wanted: &[Wanted], capacity: u64, most: u64, deadline: &Deadline) -> u64 {
         if let Some(workers) = &self.workers {
             workers.handover().collect(&mut self.ready);
-            let keys = wanted.iter().map(|(_, wanted)| wanted.item);
+            let keys = wanted.iter().map(|(_, wanted)| wanted.item.0);
             let ready: HashSet<u32> = self.ready.iter().map(|(node, _)| *node).collect();
             let keys = keys.filter(|node| !ready.contains(node)).take(64);
             workers.handover().reissue(keys, |_| Some(()));
             // Those no longer wanted are forgotten.
-            let wanted: HashSet<u32> = wanted.iter().map(|(_, wanted)| wanted.item).collect();
+            let wanted: HashSet<u32> = wanted.iter().map(|(_, wanted)| wanted.item.0).collect();
             self.ready.retain(|(node, _)| wanted.contains(node));
         }
         let mut loaded = 0;
-        for &(class, Ranked { item, .. }) in wanted {
+        for &(class, wanted) in wanted {
+            let Reverse(item) = wanted.item;
             if loaded >= most || !self.make_room(class, capacity) {
                 break;
             }
@@ -399,7 +405,7 @@ impl Visit {
     fn longest_unused(&self) -> Option<(u64, u32)> {
         let all = self.resident.iter().filter(|(node, _)| **node != 0);
         // The deepest first among equals, since coarser ones stand for more.
-        all.map(|(node, resident)| (resident.used, std::cmp::Reverse(*node)))
+        all.map(|(node, resident)| (resident.used, Reverse(*node)))
             .min()
             .map(|(used, node)| (used, node.0))
     }
