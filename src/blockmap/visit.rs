@@ -75,6 +75,14 @@ struct Resident {
     map: Arc<BlockMap>,
     /// The last frame that drew it or wanted it.
     used: u64,
+    /// How urgently this frame needs it, to draw it or what is above nodes that have not come; `None` where it does not.
+    need: Option<Ranked<Reverse<u32>>>,
+}
+
+impl Resident {
+    fn new(map: Arc<BlockMap>, used: u64, need: Option<Ranked<Reverse<u32>>>) -> Resident {
+        Resident { map, used, need }
+    }
 }
 
 type Answer = Result<BlockMap>;
@@ -123,7 +131,7 @@ impl Visit {
         Ok(Visit {
             city,
             workers,
-            resident: HashMap::from([(0, Resident { map: root, used: 0 })]),
+            resident: HashMap::from([(0, Resident::new(root, 0, None))]),
             failed: HashSet::new(),
             ready: Vec::new(),
             drawn: Vec::new(),
@@ -296,22 +304,22 @@ impl Visit {
 
     /// What is wanted and not there, the most urgent first. Nodes above those to be drawn are not wanted where these are there.
     fn missing(&mut self, plan: &Plan) -> Vec<Wanted> {
-        let frame = self.frame;
+        self.resident
+            .values_mut()
+            .for_each(|resident| resident.need = None);
         let mut missing = Vec::new();
         for &(class, wanted) in &plan.wanted {
             let Reverse(node) = wanted.item;
-            if let Some(resident) = self.resident.get_mut(&node) {
-                if class == Class::Seen && !plan.divided.contains(&node) {
-                    resident.used = frame;
+            let is_idle = plan.divided.contains(&node) && self.is_covered(node, plan);
+            if is_idle || self.failed.contains(&node) {
+                continue;
+            }
+            match self.resident.get_mut(&node) {
+                Some(resident) if class == Class::Seen => {
+                    (resident.used, resident.need) = (self.frame, Some(wanted));
                 }
-                continue;
-            }
-            if self.failed.contains(&node) {
-                continue;
-            }
-            let is_inner = plan.divided.contains(&node);
-            if !(is_inner && self.is_covered(node, plan)) {
-                missing.push((class, wanted));
+                Some(_) => {}
+                None => missing.push((class, wanted)),
             }
         }
         missing.sort_by(|(class, one), (other_class, other)| {
@@ -348,7 +356,7 @@ impl Visit {
         let mut loaded = 0;
         for &(class, wanted) in wanted {
             let Reverse(item) = wanted.item;
-            if loaded >= most || !self.make_room(class, capacity) {
+            if loaded >= most || !self.make_room((class, wanted), capacity) {
                 break;
             }
             let answer = match self.workers {
@@ -362,14 +370,9 @@ impl Visit {
             match answer {
                 None => {}
                 Some(Ok(map)) => {
-                    let used = self.frame;
-                    self.resident.insert(
-                        item,
-                        Resident {
-                            map: Arc::new(map),
-                            used,
-                        },
-                    );
+                    let need = (class == Class::Seen).then_some(wanted);
+                    let block = Resident::new(Arc::new(map), self.frame, need);
+                    self.resident.insert(item, block);
                     self.added.push(item);
                     loaded += 1;
                 }
@@ -382,32 +385,35 @@ impl Visit {
         loaded
     }
 
-    /// Whether there is room for one more, after the block that was not used for longest has gone if need be.
-    fn make_room(&mut self, class: Class, capacity: u64) -> bool {
+    /// Whether there is room for one more, after a less urgent block has gone if need be.
+    fn make_room(&mut self, (class, wanted): Wanted, capacity: u64) -> bool {
         if (self.resident.len() as u64) < capacity {
             return true;
         }
-        let last = match class {
-            Class::Seen => self.frame,
-            // What was drawn in the last frame is not given for what may be.
-            _ => self.frame.saturating_sub(1),
+        let Some(node) = self.least_needed() else {
+            return false;
         };
-        match self.longest_unused() {
-            Some((used, node)) if used < last => {
-                self.drop_block(node);
-                true
-            }
-            _ => false,
+        let resident = &self.resident[&node];
+        let gives_way = match (class, resident.need) {
+            (Class::Seen, None) => true,
+            (Class::Seen, Some(need)) => need < wanted,
+            // What was drawn in the last frame is not given for what may be.
+            (_, None) => resident.used + 1 < self.frame,
+            (_, Some(_)) => false,
+        };
+        if gives_way {
+            self.drop_block(node);
         }
+        gives_way
     }
 
-    /// Never the root.
-    fn longest_unused(&self) -> Option<(u64, u32)> {
+    /// Of those that are not needed the one that was not used for longest, else the least urgent; never the root.
+    fn least_needed(&self) -> Option<u32> {
         let all = self.resident.iter().filter(|(node, _)| **node != 0);
         // The deepest first among equals, since coarser ones stand for more.
-        all.map(|(node, resident)| (resident.used, Reverse(*node)))
+        all.map(|(node, resident)| (resident.need, resident.used, Reverse(*node)))
             .min()
-            .map(|(used, node)| (used, node.0))
+            .map(|(.., Reverse(node))| node)
     }
 
     fn drop_block(&mut self, node: u32) {
@@ -422,8 +428,8 @@ impl Visit {
 
     fn evict_beyond(&mut self, capacity: u64) {
         while self.resident.len() as u64 > capacity {
-            match self.longest_unused() {
-                Some((_, node)) => self.drop_block(node),
+            match self.least_needed() {
+                Some(node) => self.drop_block(node),
                 None => return,
             }
         }
