@@ -52,6 +52,9 @@ impl Default for BakeOptions {
     }
 }
 
+/// The colour of bare ground.
+pub const BARE_GROUND: [u8; 3] = [126, 128, 112];
+
 /// What the city stands on.
 pub struct Ground<'a> {
     /// Its height at a place, in metres.

@@ -4,9 +4,9 @@ use super::bake::{BakeOptions, BakeReport, Ground, bake};
 use super::codec;
 use super::layout::BlockMap;
 use super::merge::{NodeError, merge};
-use super::scene::Scene;
+use super::scene::{FAR, Scene};
 use super::surroundings::Grid;
-use super::tree::{Tree, child, root};
+use super::tree::{Node, Tree, child, root};
 use crate::geo::{RasterInfo, SampleType};
 use crate::schedule::{map_in_order, thread_count};
 use crate::store::{DomainKind, EntropyKind, Header, Kind, TransformKind, Writer};
@@ -23,6 +23,8 @@ const BELOW: f64 = 1.0;
 const QUANTUM: f64 = 1.0 / 1024.0;
 /// Deepest tree: 2^14 leaves along an edge.
 const MOST_LEVELS: u32 = 14;
+/// Finest grid of triangles: 2^11 cells along an edge, as large as leaves or larger.
+const MOST_GRID_LEVELS: u32 = 11;
 /// Most blocks.
 const MOST_NODES: usize = 900_000;
 /// Bytes that a triangle takes while a city is built.
@@ -79,64 +81,54 @@ pub fn build_city(
     progress: &mut dyn FnMut(u64, u64) -> bool,
 ) -> Result<CityReport> {
     check(scene, options)?;
-    let mut tree = plan(scene, ground.spacing.is_infinite(), options)?;
-    let grid = grid(scene, &tree);
-    let mut report = CityReport {
-        blocks: tree.nodes.len() as u64,
-        leaves: tree.leaves() as u64,
-        levels: tree.depth() + 1,
-        ..CityReport::default()
-    };
+    let (mut tree, grid) = plan(scene, ground.spacing.is_infinite(), options)?;
     let leaves = leaves_in_order(&tree);
-    let mut spool = Spool::new(output, tree.nodes.len())?;
-    let mut pending: Vec<Vec<Done>> = Vec::new();
-    let total = leaves.len() as u64;
+    let mut baked = BakeReport::default();
+    let mut blocks = Blocks {
+        tree: &tree,
+        spool: Spool::new(output, tree.nodes.len())?,
+        pending: Vec::new(),
+        found: Vec::new(),
+        shared: 0,
+    };
     let work = |index: usize| {
         let square = tree.square(&tree.nodes[leaves[index]]);
         let (map, baked) = bake(scene, &grid, ground, square, &options.bake)?;
         let bytes = codec::encode(&map)?;
         Ok::<_, Error>((map, baked, bytes))
     };
-    let mut found: Vec<(usize, [f32; 2], NodeError)> = Vec::new();
-    map_in_order(
-        thread_count(options.threads),
-        leaves.len(),
-        work,
-        |index, result| {
-            let (map, baked, bytes) = result?;
-            report.baked.add(&baked);
-            spool.put(leaves[index], &bytes)?;
-            let heights = map.heights;
-            let done = Done {
+    let threads = thread_count(options.threads);
+    map_in_order(threads, leaves.len(), work, |index, result| {
+        let (map, own, bytes) = result?;
+        baked.add(&own);
+        let (heights, error) = (map.heights, NodeError::default());
+        blocks.add(
+            leaves[index],
+            Done {
                 map,
-                error: NodeError::default(),
+                error,
                 heights,
-            };
-            found.push((leaves[index], heights, NodeError::default()));
-            close(
-                &tree,
-                leaves[index],
-                done,
-                &mut pending,
-                &mut |node, done, shared| {
-                    spool.put(node, &codec::encode(&done.map)?)?;
-                    report.shared_inner_texels += shared as u64;
-                    found.push((node, done.heights, done.error));
-                    Ok(())
-                },
-            )?;
-            if !progress(index as u64 + 1, total) {
-                return Err(Error::Cancelled);
-            }
-            Ok(())
-        },
-    )?;
+            },
+            &bytes,
+        )?;
+        match progress(index as u64 + 1, leaves.len() as u64) {
+            true => Ok(()),
+            false => Err(Error::Cancelled),
+        }
+    })?;
+    let (found, mut spool, shared_inner_texels) = (blocks.found, blocks.spool, blocks.shared);
     for (node, heights, error) in found {
         (tree.nodes[node].heights, tree.nodes[node].error) = (heights, error);
     }
     tree.floor = f64::from(tree.nodes[0].heights[0]) - BELOW;
-    report.bytes = write(&tree, scene, options, &mut spool, output)?;
-    Ok(report)
+    Ok(CityReport {
+        blocks: tree.nodes.len() as u64,
+        leaves: tree.leaves() as u64,
+        levels: tree.depth() + 1,
+        bytes: write(&tree, scene, options, &mut spool, output)?,
+        baked,
+        shared_inner_texels,
+    })
 }
 
 fn check(scene: &Scene, options: &CityOptions) -> Result<()> {
@@ -144,7 +136,7 @@ fn check(scene: &Scene, options: &CityOptions) -> Result<()> {
     if scene.triangles.is_empty() {
         return wrong("a city without triangles".to_owned());
     }
-    let is_number = |corner: &[f64; 3]| corner.iter().all(|along| along.abs() < 1e12);
+    let is_number = |corner: &[f64; 3]| corner.iter().all(|along| along.abs() < FAR);
     let is_sane = |at: &usize| scene.triangles[*at].corners.iter().all(is_number);
     if let Some(bad) = (0..scene.triangles.len()).find(|at| !is_sane(at)) {
         let corners = scene.triangles[bad].corners;
@@ -214,8 +206,8 @@ impl CityOptions {
     }
 }
 
-/// The nodes, coarse to fine. Where the ground `is_flat`, squares without triangles have no children.
-fn plan(scene: &Scene, is_flat: bool, options: &CityOptions) -> Result<Tree> {
+/// The nodes, coarse to fine, and the triangles in them. Where the ground `is_flat`, squares without triangles have no children.
+fn plan(scene: &Scene, is_flat: bool, options: &CityOptions) -> Result<(Tree, Grid)> {
     let [low, high] = scene.bounds().unwrap_or_default();
     let leaf = if options.leaf_side == 0.0 {
         64.0
@@ -225,12 +217,12 @@ fn plan(scene: &Scene, is_flat: bool, options: &CityOptions) -> Result<Tree> {
     // A texel of margin, so that walls at the border have an outside.
     let margin = leaf / options.bake.side_texels as f64;
     let extent = (high[0] - low[0]).max(high[1] - low[1]) + 2.0 * margin;
-    let levels = (extent / leaf).log2().ceil().max(0.0) as u32;
-    if levels > MOST_LEVELS {
+    let is_enough = |levels: &u32| leaf * f64::from(1u32 << levels) >= extent;
+    let Some(levels) = (0..=MOST_LEVELS).find(is_enough) else {
         return Err(Error::Argument(format!(
             "a city of {extent} m has more than 2^{MOST_LEVELS} leaves of {leaf} m along an edge"
         )));
-    }
+    };
     // Texels of a whole number of quanta make the corners of all squares exact, so that neighbours share them.
     let texels = (options.bake.side_texels << levels) as f64;
     let extent = (extent / texels / QUANTUM).ceil() * QUANTUM * texels;
@@ -245,9 +237,7 @@ fn plan(scene: &Scene, is_flat: bool, options: &CityOptions) -> Result<Tree> {
         side_texels: options.bake.side_texels,
         nodes: vec![root()],
     };
-    // At the deepest level only, where cells are smallest.
-    let cells = 1usize << levels.min(10);
-    let grid = Grid::new(scene, corner, extent / cells as f64, [cells, cells]);
+    let grid = Grid::over_square(scene, (corner, extent), levels.min(MOST_GRID_LEVELS));
     let mut next = 0;
     while next < tree.nodes.len() {
         let node = tree.nodes[next];
@@ -268,13 +258,7 @@ fn plan(scene: &Scene, is_flat: bool, options: &CityOptions) -> Result<Tree> {
         }
         next += 1;
     }
-    Ok(tree)
-}
-
-/// Cells as small as leaves, but not more than a few millions.
-fn grid(scene: &Scene, tree: &Tree) -> Grid {
-    let cells = 1usize << tree.depth().min(11);
-    Grid::new(scene, tree.corner, tree.side / cells as f64, [cells, cells])
+    Ok((tree, grid))
 }
 
 /// Leaves depth first, so that brothers come together.
@@ -290,44 +274,52 @@ fn leaves_in_order(tree: &Tree) -> Vec<usize> {
     leaves
 }
 
-/// Takes a finished node, and merges all nodes whose last child it is.
-fn close(
-    tree: &Tree,
-    node: usize,
-    done: Done,
-    pending: &mut Vec<Vec<Done>>,
-    merged: &mut dyn FnMut(usize, &Done, usize) -> Result<()>,
-) -> Result<()> {
-    let level = tree.nodes[node].level as usize;
-    pending.resize_with(pending.len().max(level + 1), Vec::new);
-    pending[level].push(done);
-    let Some(parent) = tree.nodes[node].parent else {
-        return Ok(());
-    };
-    let Ok(children) = <[Done; 4]>::try_from(std::mem::take(&mut pending[level])).map_err(|rest| {
-        pending[level] = rest;
-    }) else {
-        return Ok(());
-    };
-    let [a, b, c, d] = &children;
-    let (map, own, shared) = merge([&a.map, &b.map, &c.map, &d.map])?;
-    let mut heights = map.heights;
-    let mut error = own;
-    for child in &children {
-        heights = [
-            heights[0].min(child.heights[0]),
-            heights[1].max(child.heights[1]),
-        ];
-        error.height = error.height.max(child.error.height);
-        error.colour = error.colour.max(child.error.colour);
+/// The blocks that are done, leaves depth first and each inner node after its children.
+struct Blocks<'a> {
+    tree: &'a Tree,
+    spool: Spool,
+    /// By level: those whose brothers are awaited.
+    pending: Vec<Vec<Done>>,
+    /// Nodes with the heights and errors that were found.
+    found: Vec<(usize, [f32; 2], NodeError)>,
+    /// Exposed texels of inner nodes that share a column.
+    shared: u64,
+}
+
+impl Blocks<'_> {
+    /// Takes a node's block, and merges the one above if it was the last of four.
+    fn add(&mut self, node: usize, done: Done, bytes: &[u8]) -> Result<()> {
+        self.spool.put(node, bytes)?;
+        self.found.push((node, done.heights, done.error));
+        let Node { level, parent, .. } = self.tree.nodes[node];
+        let level = level as usize;
+        let levels = self.pending.len().max(level + 1);
+        self.pending.resize_with(levels, Vec::new);
+        self.pending[level].push(done);
+        let (Some(parent), [a, b, c, d]) = (parent, &self.pending[level][..]) else {
+            return Ok(());
+        };
+        let (map, mut error, shared) = merge([&a.map, &b.map, &c.map, &d.map])?;
+        let mut heights = map.heights;
+        for child in &self.pending[level] {
+            let [low, high] = child.heights;
+            heights = [heights[0].min(low), heights[1].max(high)];
+            error.height = error.height.max(child.error.height);
+            error.colour = error.colour.max(child.error.colour);
+        }
+        self.pending[level].clear();
+        self.shared += shared as u64;
+        let bytes = codec::encode(&map)?;
+        self.add(
+            parent as usize,
+            Done {
+                map,
+                error,
+                heights,
+            },
+            &bytes,
+        )
     }
-    let done = Done {
-        map,
-        error,
-        heights,
-    };
-    merged(parent as usize, &done, shared)?;
-    close(tree, parent as usize, done, pending, merged)
 }
 
 /// Encoded blocks in the order in which they come, in a file without a name.

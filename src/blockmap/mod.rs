@@ -22,7 +22,7 @@ mod visit;
 mod walls;
 
 pub use self::png::{read_png, write_png};
-pub use bake::{BakeOptions, BakeReport, Ground, bake};
+pub use bake::{BARE_GROUND, BakeOptions, BakeReport, Ground, bake};
 pub use cast::{Caster, Hit, Ray, Surface};
 pub use city::City;
 pub use codec::{decode, encode};
@@ -31,7 +31,7 @@ pub use layout::{BlockMap, WALL_COLUMNS, direction, direction_byte, image_bytes}
 pub use merge::{NodeError, merge};
 pub use raster::Seen;
 pub use rays::{CityHit, CityRays};
-pub use scene::{Paint, Scene, Texture, Triangle};
-pub use surroundings::Grid;
+pub use scene::{FAR, Paint, Scene, Texture, Triangle};
+pub use surroundings::{Grid, Local, local};
 pub use tree::{Node, Tree};
 pub use visit::{ALL_QUARTERS, Drawn, Visit, VisitStats};

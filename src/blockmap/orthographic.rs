@@ -86,13 +86,18 @@ impl Orthographic {
     }
 }
 
-/// Evenly distributed directions of the upper hemisphere (Fibonacci lattice).
+/// Cosine and sine of the golden angle, pi (3 - sqrt 5).
+const GOLDEN_TURN: [f64; 2] = [-0.737_368_878_078_319_6, 0.675_490_294_261_523_8];
+
+/// Evenly distributed directions of the upper hemisphere (Fibonacci lattice), the same on every machine: sums, products and square
+/// roots only.
 pub fn hemisphere(count: usize) -> impl Iterator<Item = Vec3> {
-    let golden = std::f32::consts::PI * (3.0 - 5f32.sqrt());
-    (0..count).map(move |index| {
-        let z = 1.0 - (index as f32 + 0.5) / count as f32;
-        let around = golden * index as f32;
+    let [cosine, sine] = GOLDEN_TURN;
+    let turn = move |[x, y]: &[f64; 2]| Some([x * cosine - y * sine, x * sine + y * cosine]);
+    let around = std::iter::successors(Some([1.0, 0.0]), turn);
+    around.take(count).enumerate().map(move |(index, [x, y])| {
+        let z = 1.0 - (index as f64 + 0.5) / count as f64;
         let flat = (1.0 - z * z).sqrt();
-        Vec3::new(flat * around.cos(), flat * around.sin(), z)
+        Vec3::from([flat * x, flat * y, z].map(|along| along as f32))
     })
 }

@@ -53,7 +53,7 @@ impl Seen {
     /// Draws a triangle under a number where it is the nearest, from both sides. Triangles that share an edge leave no pixel
     /// between them.
     pub fn draw(&mut self, world_to_clip: &Mat4, corners: &[Vec3; 3], number: u32) {
-        let clip = corners.map(|corner| *world_to_clip * corner.extend(1.0));
+        let clip = corners.map(|corner| to_clip(world_to_clip, corner));
         if clip.iter().all(|corner| corner.w >= NEAR) {
             return self.fill(clip, number);
         }
@@ -94,9 +94,20 @@ impl Seen {
             edge.scaled(flip)
         });
         let nearness = clip.map(self.nearness_of);
+        self.fill_inside((corners, number), edges, nearness, area.abs());
+    }
+
+    /// Draws where all edges are positive; `nearness` is that of the corners.
+    fn fill_inside(
+        &mut self,
+        (corners, number): ([[f32; 2]; 3], u32),
+        edges: [Edge; 3],
+        nearness: [f32; 3],
+        area: f32,
+    ) {
         let weigh = |part: fn(&Edge) -> f32| {
             let parts = (0..3).map(|index| part(&edges[index]) * nearness[index]);
-            parts.sum::<f32>() / area.abs()
+            parts.sum::<f32>() / area
         };
         let plane = Edge {
             across: weigh(|edge| edge.across),
@@ -134,6 +145,15 @@ impl Seen {
             }
         }
     }
+}
+
+/// In the order of operations that is written, on every machine.
+fn to_clip(world_to_clip: &Mat4, corner: Vec3) -> Vec4 {
+    let m = world_to_clip.to_cols_array();
+    let row = |row: usize| {
+        m[row] * corner.x + m[row + 4] * corner.y + m[row + 8] * corner.z + m[row + 12]
+    };
+    Vec4::new(row(0), row(1), row(2), row(3))
 }
 
 /// A linear function of a place on the screen.

@@ -2,6 +2,9 @@
 
 use super::facade;
 
+/// Coordinates and heights are smaller than this, in metres.
+pub const FAR: f64 = 1e12;
+
 /// Textured triangles in one metric reference system, x east, y north, z up. They may be open, overlap, repeat and
 /// have no area.
 #[derive(Clone, Debug, Default)]
@@ -129,6 +132,23 @@ impl Scene {
                 None => [128.0; 3],
             },
             Paint::Facade { seed, at } => facade::colour(*seed, between(at)),
+        }
+    }
+
+    /// Takes over another scene's triangles and textures, its warnings, and its reference system if there is none.
+    pub fn append(&mut self, other: Scene) {
+        let first = self.textures.len() as u32;
+        let moved = other.triangles.into_iter().map(|mut triangle| {
+            if let Paint::Texture { index, .. } = &mut triangle.paint {
+                *index += first;
+            }
+            triangle
+        });
+        self.triangles.extend(moved);
+        self.textures.extend(other.textures);
+        self.warnings.extend(other.warnings);
+        if self.crs.is_empty() {
+            self.crs = other.crs;
         }
     }
 

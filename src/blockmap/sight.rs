@@ -77,7 +77,7 @@ impl Sight {
     pub fn pixels(&self, tree: &Tree, node: u32) -> f64 {
         let found = &tree.nodes[node as usize];
         let (_, side) = tree.square(found);
-        let error = found.error_metres(side / tree.texels_along());
+        let error = found.error_metres(side / tree.side_texels as f64);
         if error == 0.0 {
             return 0.0;
         }

@@ -3,6 +3,10 @@
 use super::scene::Scene;
 use glam::Vec3;
 
+/// Cells that a triangle may lie in, in the mean, and entries that any grid may have.
+const CELLS_OF_A_TRIANGLE: usize = 8;
+const LEAST_ENTRIES: usize = 1 << 20;
+
 /// Triangles of a scene by the squares of a grid that they lie in or touch.
 pub struct Grid {
     corner: [f64; 2],
@@ -28,19 +32,49 @@ pub struct Local {
 impl Grid {
     /// Of all triangles, in square cells over a rectangle that may be smaller than the scene.
     pub fn new(scene: &Scene, corner: [f64; 2], cell: f64, size: [usize; 2]) -> Grid {
-        let mut grid = Grid {
-            corner,
-            cell,
-            size,
-            numbers: Vec::new(),
-            starts: vec![0; size[0] * size[1] + 1],
-        };
         let boxes: Vec<_> = scene
             .triangles
             .iter()
             .map(|triangle| bounds(&triangle.corners))
             .collect();
-        for bounds in &boxes {
+        Grid::of_boxes(&boxes, corner, cell, size)
+    }
+
+    /// Over a square, in at most 2^`levels` cells along it: fewer where large triangles lie in very many cells.
+    pub fn over_square(scene: &Scene, (corner, side): ([f64; 2], f64), levels: u32) -> Grid {
+        let triangles = scene.triangles.iter();
+        let boxes: Vec<_> = triangles
+            .map(|triangle| bounds(&triangle.corners))
+            .collect();
+        let mut cells = 1usize << levels;
+        let most = CELLS_OF_A_TRIANGLE * boxes.len() + LEAST_ENTRIES;
+        loop {
+            let empty = Grid::empty(corner, side / cells as f64, [cells, cells]);
+            let entries = boxes.iter().map(|bounds| {
+                let [columns, rows] = empty.cells(*bounds);
+                columns.len() * rows.len()
+            });
+            if cells == 1 || entries.sum::<usize>() <= most {
+                return Grid::of_boxes(&boxes, corner, side / cells as f64, [cells, cells]);
+            }
+            cells /= 2;
+        }
+    }
+
+    fn empty(corner: [f64; 2], cell: f64, size: [usize; 2]) -> Grid {
+        Grid {
+            corner,
+            cell,
+            size,
+            numbers: Vec::new(),
+            starts: Vec::new(),
+        }
+    }
+
+    fn of_boxes(boxes: &[[[f64; 2]; 2]], corner: [f64; 2], cell: f64, size: [usize; 2]) -> Grid {
+        let mut grid = Grid::empty(corner, cell, size);
+        grid.starts = vec![0; size[0] * size[1] + 1];
+        for bounds in boxes {
             grid.for_cells(*bounds, |cell, starts, _| starts[cell + 1] += 1);
         }
         for cell in 0..size[0] * size[1] {

@@ -49,11 +49,6 @@ impl Tree {
         (corner, side)
     }
 
-    /// Texels along a block, as a number to divide by.
-    pub(super) fn texels_along(&self) -> f64 {
-        self.side_texels as f64
-    }
-
     /// The deepest level.
     pub fn depth(&self) -> u32 {
         self.nodes.last().map_or(0, |node| node.level)

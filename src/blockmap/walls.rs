@@ -170,26 +170,17 @@ impl Lit {
 
 /// Gaps closed by linear interpolation, and at the ends by the nearest; `None` where there is nothing but a gap.
 fn filled(means: &[Option<Vec3>]) -> Option<Vec<Vec3>> {
-    let known: Vec<(usize, Vec3)> = means
-        .iter()
-        .enumerate()
-        .filter_map(|(row, mean)| Some((row, (*mean)?)))
-        .collect();
-    let (first, last) = (*known.first()?, *known.last()?);
+    let known = |&row: &usize| means.get(row).copied().flatten().map(|mean| (row, mean));
     let fill = |row: usize| {
-        let after = known.partition_point(|(at, _)| *at < row);
-        let (upper, below) = (
-            known.get(after).copied().unwrap_or(last),
-            known[after.saturating_sub(1)],
-        );
-        if after == 0 {
-            return first.1;
+        let below = (0..=row).rev().find_map(|row| known(&row));
+        let above = (row..means.len()).find_map(|row| known(&row));
+        match (below, above) {
+            (Some((low, one)), Some((high, other))) if high > low => {
+                let share = (row - low) as f32 / (high - low) as f32;
+                Some(one + share * (other - one))
+            }
+            (nearest, other) => nearest.or(other).map(|(_, mean)| mean),
         }
-        if upper.0 <= below.0 || row >= last.0 {
-            return last.1;
-        }
-        let share = (row - below.0) as f32 / (upper.0 - below.0) as f32;
-        below.1 + share * (upper.1 - below.1)
     };
-    Some((0..means.len()).map(fill).collect())
+    (0..means.len()).map(fill).collect()
 }

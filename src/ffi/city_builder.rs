@@ -13,7 +13,8 @@ use super::status::kmb_status;
 use crate::Error;
 use crate::blockmap::source::{SourceOptions, read};
 use crate::blockmap::{
-    BakeOptions, CityOptions, CityReport, Ground, Paint, Scene, Texture, Triangle, build_city,
+    BARE_GROUND, BakeOptions, CityOptions, CityReport, FAR, Ground, Paint, Scene, Texture,
+    Triangle, build_city,
 };
 use crate::log::{LogLevel, log};
 
@@ -124,16 +125,10 @@ unsafe impl SizedStruct for kmb_city_report {
     const NAME: &'static str = "kmb_city_report";
 }
 
-/// Bare ground.
-const GROUND_COLOUR: [u8; 3] = [126, 128, 112];
-/// Coordinates and heights are smaller.
-const FAR: f64 = 1e12;
-
 /// A city in the making: triangles, textures, the ground, and how to build it.
 pub struct kmb_city_builder {
     broken: AtomicBool,
     scene: Scene,
-    warnings: u64,
     options: CityOptions,
     sources: SourceOptions,
     ground_colour: [u8; 3],
@@ -187,13 +182,12 @@ pub unsafe extern "C" fn kmb_city_builder_create(
         let mut made = kmb_city_builder {
             broken: AtomicBool::new(false),
             scene: Scene::default(),
-            warnings: 0,
             options: CityOptions::default(),
             sources: SourceOptions {
                 facades: None,
                 ..SourceOptions::default()
             },
-            ground_colour: GROUND_COLOUR,
+            ground_colour: BARE_GROUND,
             plane: None,
             relief: None,
         };
@@ -444,27 +438,9 @@ pub unsafe extern "C" fn kmb_city_builder_add_file(
         for warning in &read.warnings {
             log(LogLevel::Warning, warning);
         }
-        builder.add(read);
+        builder.scene.append(read);
         Ok(())
     })
-}
-
-impl kmb_city_builder {
-    fn add(&mut self, other: Scene) {
-        let first = self.scene.textures.len() as u32;
-        let moved = other.triangles.into_iter().map(|mut triangle| {
-            if let Paint::Texture { index, .. } = &mut triangle.paint {
-                *index += first;
-            }
-            triangle
-        });
-        self.scene.triangles.extend(moved);
-        self.scene.textures.extend(other.textures);
-        self.warnings += other.warnings.len() as u64;
-        if self.scene.crs.is_empty() {
-            self.scene.crs = other.crs;
-        }
-    }
 }
 
 /// Tells how many warnings the files that were added gave.
@@ -479,7 +455,7 @@ pub unsafe extern "C" fn kmb_city_builder_warnings(
 ) -> kmb_status {
     boundary!(shared builder: kmb_city_builder, {
         // SAFETY: the caller passes pointers as the header asks.
-        unsafe { output(count, "count") }?.write(builder.warnings);
+        unsafe { output(count, "count") }?.write(builder.scene.warnings.len() as u64);
         Ok(())
     })
 }

@@ -7,12 +7,12 @@ use super::boundary::{
     output_struct,
 };
 use super::city::{KMB_NO_NODE, described, kmb_blockmap, kmb_city};
-use super::cut::{chosen_threads, kmb_budget, kmb_stats, kmb_view, limits, seen};
+use super::cut::{chosen_threads, kmb_budget, kmb_stats, kmb_view};
+use super::frame::frame;
 use super::query::KMB_UNLIMITED;
 use super::ray::kmb_ray;
 use super::status::kmb_status;
 use crate::blockmap::{CityHit, CityRays, Ray, Visit, VisitStats};
-use crate::schedule::Budget;
 
 /// A block to draw.
 #[repr(C)]
@@ -180,18 +180,8 @@ pub unsafe extern "C" fn kmb_city_visit_update(
 ) -> kmb_status {
     boundary!(exclusive visit: kmb_city_visit, {
         // SAFETY: the caller passes pointers as the header asks.
-        let view = unsafe { input_struct(view) }?;
-        let budget = match budget.is_null() {
-            true => Budget::UNLIMITED,
-            // SAFETY: as above.
-            false => limits(&unsafe { input_struct(budget) }?),
-        };
-        let out = match stats.is_null() {
-            true => None,
-            // SAFETY: as above.
-            false => Some(unsafe { output_struct(stats) }?),
-        };
-        let stats = visit.visit.update(&seen(&view), &budget)?;
+        let (view, budget, out) = unsafe { frame(view, budget, stats) }?;
+        let stats = visit.visit.update(&view, &budget)?;
         visit.list_drawn();
         if let Some(out) = out {
             out.write(told(&stats, visit.visit.block_bytes()));

@@ -5,12 +5,13 @@ use std::sync::atomic::AtomicBool;
 use super::boundary::{
     Failure, Handle, SizedStruct, boundary, input_struct, output, output_struct, required, usable,
 };
+use super::frame::frame;
 use super::patch::kmb_patch;
 use super::query::KMB_UNLIMITED;
 use super::repository::kmb_repository;
 use super::status::kmb_status;
 use crate::cut::{
-    Changes, ColourForm, Colouring, Cut, CutOptions, Detail, Metric, Stats, VertexForm, View,
+    Changes, ColourForm, Colouring, Cut, CutOptions, Detail, Metric, Stats, VertexForm,
 };
 use crate::schedule::Budget;
 
@@ -364,18 +365,8 @@ pub unsafe extern "C" fn kmb_cut_update(
 ) -> kmb_status {
     boundary!(exclusive cut: kmb_cut, {
         // SAFETY: the caller passes pointers as the header asks.
-        let view = unsafe { input_struct(view) }?;
-        let budget = match budget.is_null() {
-            true => Budget::UNLIMITED,
-            // SAFETY: as above.
-            false => limits(&unsafe { input_struct(budget) }?),
-        };
-        let out = match stats.is_null() {
-            true => None,
-            // SAFETY: as above.
-            false => Some(unsafe { output_struct(stats) }?),
-        };
-        let updated = cut.cut.update(&seen(&view), &budget);
+        let (view, budget, out) = unsafe { frame(view, budget, stats) }?;
+        let updated = cut.cut.update(&view, &budget);
         cut.list_patches();
         let stats = updated?;
         if let Some(out) = out {
@@ -390,25 +381,6 @@ pub unsafe extern "C" fn kmb_cut_update(
 }
 
 const _: () = assert!(KMB_UNLIMITED == Budget::NO_LIMIT);
-
-pub(super) fn seen(view: &kmb_view) -> View {
-    View {
-        eye: view.eye,
-        world_to_clip: view.world_to_clip,
-        viewport: view.viewport,
-        tolerance: view.tolerance,
-    }
-}
-
-pub(super) fn limits(budget: &kmb_budget) -> Budget {
-    Budget {
-        microseconds: budget.microseconds,
-        refinements: budget.refinements,
-        bytes: budget.bytes,
-        upload_bytes: budget.upload_bytes,
-        patches: budget.patches,
-    }
-}
 
 fn told(stats: &Stats) -> kmb_stats {
     kmb_stats {

@@ -6,6 +6,7 @@
 //! | file | section |
 //! |---|---|
 //! | `boundary.rs` | none: the panic barrier and the checks of pointers |
+//! | `frame.rs` | none: what an update is asked |
 //! | `status.rs` | version, errors, messages |
 //! | `repository.rs` | repositories: opening, what is known of them, coordinates |
 //! | `cut.rs` | cuts: what a viewer draws |
@@ -34,6 +35,7 @@ pub mod city_builder;
 pub mod city_visit;
 pub mod codec;
 pub mod cut;
+mod frame;
 pub mod patch;
 pub mod profile;
 pub mod query;

@@ -1,7 +1,7 @@
 //! Pictures of a city by rays, and of the triangles that it was built from, to compare.
 
 use super::Progress;
-use crate::blockmap::{CityHit, CityRays, Ray, Scene, Seen, Triangle, Visit};
+use crate::blockmap::{CityHit, CityRays, Ray, Scene, Seen, Visit, local};
 use crate::geo::View;
 use crate::schedule::{Budget, map_in_order, thread_count};
 use crate::{Error, Result};
@@ -317,54 +317,39 @@ fn see(camera: &Camera, original: &Original, visit: &Visit) -> Vec<Pixel> {
     let mut seen = Seen::new(camera.size, true);
     let [x, y, w] = camera.rows().map(|row| row.as_vec3().extend(0.0));
     let to_clip = Mat4::from_cols(x, y, Vec4::ZERO, w).transpose();
-    let relative = |corner: [f64; 3]| (DVec3::from(corner) - camera.eye).as_vec3();
-    for (number, triangle) in original.scene.triangles.iter().enumerate() {
-        seen.draw(&to_clip, &triangle.corners.map(relative), number as u32);
+    let all: Vec<u32> = (0..original.scene.triangles.len() as u32).collect();
+    let triangles = local(original.scene, &all, camera.eye.to_array());
+    for triangle in &triangles {
+        seen.draw(&to_clip, &triangle.corners, triangle.number);
     }
     let tree = visit.city().tree();
+    let is_inside = |ray: &Ray, distance: f64| {
+        (0..2).all(|axis| {
+            let at = ray.origin[axis] + distance * ray.direction[axis] - tree.corner[axis];
+            (0.0..=tree.side).contains(&at)
+        })
+    };
     let pixel = |index: usize| {
         let ray = camera.ray(index);
         let number = seen.triangle(index % camera.size[0], index / camera.size[0]);
-        let triangle = original.scene.triangles.get(number as usize);
-        let met = triangle.and_then(|triangle| meet(triangle, &ray));
-        let ground = (original.ground)(&ray).filter(|(distance, _)| {
-            (0..2).all(|axis| {
-                let at = ray.origin[axis] + distance * ray.direction[axis] - tree.corner[axis];
-                (0.0..=tree.side).contains(&at)
-            })
+        let ground = (original.ground)(&ray).filter(|(distance, _)| is_inside(&ray, *distance));
+        let ground = ground.map(|(distance, normal)| {
+            let normal = Vec3::from(normal);
+            (distance, lit(original.ground_colour, normal, &ray, 1.0))
         });
-        match (met, triangle, ground) {
-            (Some((distance, weights, normal)), Some(triangle), ground)
-                if ground.is_none_or(|(other, _)| distance <= other) =>
-            {
-                let colour = original.scene.colour(&triangle.paint, weights);
-                let colour = colour.map(|band| band.round() as u8);
-                (distance, lit(colour, normal, &ray, 1.0))
-            }
-            (_, _, Some((distance, normal))) => {
-                let colour = lit(original.ground_colour, Vec3::from(normal), &ray, 1.0);
-                (distance, colour)
-            }
-            _ => (f64::INFINITY, SKY),
-        }
+        let building = triangles.get(number as usize).and_then(|triangle| {
+            let direction = Vec3::from(ray.direction.map(|along| along as f32));
+            let (distance, weights) = triangle.meet(Vec3::ZERO, direction)?;
+            let paint = &original.scene.triangles[number as usize].paint;
+            let colour = original.scene.colour(paint, weights);
+            let colour = colour.map(|band| band.round() as u8);
+            Some((f64::from(distance), lit(colour, triangle.normal, &ray, 1.0)))
+        });
+        let nearer = |one: Pixel, other: Pixel| if one.0 <= other.0 { one } else { other };
+        let nothing = (f64::INFINITY, SKY);
+        nearer(building.unwrap_or(nothing), ground.unwrap_or(nothing))
     };
     (0..camera.size[0] * camera.size[1]).map(pixel).collect()
-}
-
-/// Distance to a triangle's plane, the weights of its corners there, and its normal.
-fn meet(triangle: &Triangle, ray: &Ray) -> Option<(f64, [f32; 3], Vec3)> {
-    let normal = DVec3::from(triangle.normal()?);
-    let [a, b, c] = triangle.corners.map(DVec3::from);
-    let (origin, direction) = (DVec3::from(ray.origin), DVec3::from(ray.direction));
-    let distance = (a - origin).dot(normal) / direction.dot(normal);
-    let place = origin + direction * distance;
-    let area = (b - a).cross(c - a).dot(normal);
-    let second = (place - a).cross(c - a).dot(normal) / area;
-    let third = (b - a).cross(place - a).dot(normal) / area;
-    let weights = [1.0 - second - third, second, third].map(|weight| weight as f32);
-    distance
-        .is_finite()
-        .then_some((distance, weights, normal.as_vec3()))
 }
 
 /// PSNR, the sum of differences of distances, and how many.

@@ -1,7 +1,7 @@
 //! What a BlockMap keeps of triangles, also where it cannot keep all.
 
 use crate::samples::*;
-use kimberlite::blockmap::{BakeOptions, BlockMap, Caster, Paint, Ray, Scene, Triangle};
+use kimberlite::blockmap::{BakeOptions, BlockMap, Caster, Grid, Paint, Ray, Scene, Triangle};
 
 const RED: [u8; 3] = [200, 30, 20];
 const BLUE: [u8; 3] = [20, 40, 210];
@@ -256,5 +256,28 @@ fn far_from_the_origin_the_same_block_looks_otherwise() {
     assert!(
         differing * 200 < near.image.len(),
         "{differing} bytes differ"
+    );
+}
+
+#[test]
+fn a_triangle_as_large_as_the_city_fills_the_memory_or_is_not_found() {
+    let ground = [[0.0, 0.0, 1.0], [8000.0, 0.0, 1.0], [0.0, 8000.0, 1.0]];
+    let large = Triangle {
+        corners: ground,
+        paint: Paint::Plain(RED),
+    };
+    let mut triangles = vec![large; 3000];
+    triangles.extend(box_at([4000.0, 100.0], [5.0, 5.0], 9.0, BLUE));
+    let scene = scene_of(triangles);
+    let grid = Grid::over_square(&scene, ([0.0; 2], 8000.0), 11);
+    assert_eq!(
+        grid.touching(&scene, [4001.0, 101.0], [4002.0, 102.0])
+            .len(),
+        3002
+    );
+    assert_eq!(
+        grid.touching(&scene, [4500.0, 101.0], [4502.0, 102.0])
+            .len(),
+        3000
     );
 }

@@ -141,19 +141,22 @@ fn every_size_and_content_comes_back() {
     }
 }
 
+/// Blocks of every size and content.
+pub fn blocks() -> impl Strategy<Value = BlockMap> {
+    let contents = prop::sample::select(&CONTENTS[..]);
+    (5..=7u32, 0..7u32, any::<bool>(), contents, any::<u64>()).prop_map(
+        |(side_log2, slices_log2, has_16_bits, content, seed)| {
+            let slices = 1 << slices_log2.min(side_log2 - 1);
+            block(1 << side_log2, slices, has_16_bits, content, seed)
+        },
+    )
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn any_block_comes_back(
-        side_log2 in 5..=7u32,
-        slices_log2 in 0..7u32,
-        has_16_bits: bool,
-        content in prop::sample::select(&CONTENTS[..]),
-        seed: u64,
-    ) {
-        let slices = 1 << slices_log2.min(side_log2 - 1);
-        let map = block(1 << side_log2, slices, has_16_bits, content, seed);
+    fn any_block_comes_back(map in blocks()) {
         prop_assert_eq!(read(&encode(&map).unwrap()).unwrap(), map);
     }
 

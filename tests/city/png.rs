@@ -1,6 +1,6 @@
 //! Blocks as PNG images.
 
-use crate::codec::{CONTENTS, Content, block};
+use crate::codec::{Content, block, blocks};
 use kimberlite::blockmap::{read_png, write_png};
 use proptest::prelude::*;
 use std::path::Path;
@@ -18,15 +18,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn any_block_comes_back(
-        side_log2 in 5..=7u32,
-        slices_log2 in 0..7u32,
-        has_16_bits: bool,
-        content in prop::sample::select(&CONTENTS[..]),
-        seed: u64,
-    ) {
-        let slices = 1 << slices_log2.min(side_log2 - 1);
-        let map = block(1 << side_log2, slices, has_16_bits, content, seed);
+    fn any_block_comes_back(map in blocks()) {
         in_folder(|path| {
             write_png(&map, path).unwrap();
             assert_eq!(read_png(path).unwrap(), map);

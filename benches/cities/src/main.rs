@@ -4,7 +4,7 @@ use clap::Parser;
 use glam::DVec3;
 use glam::dcamera::rh::{proj::opengl, view};
 use kimberlite::blockmap::source::{ProceduralCity, generate};
-use kimberlite::blockmap::{BakeOptions, City, CityOptions, Ground, Visit, build_city};
+use kimberlite::blockmap::{BARE_GROUND, BakeOptions, City, CityOptions, Ground, Visit, build_city};
 use kimberlite::cut::{DiamondSource, Query, Terrain};
 use kimberlite::geo::View;
 use kimberlite::schedule::Budget;
@@ -16,8 +16,6 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Colour of streets and of bare ground.
-const GROUND: [u8; 3] = [126, 128, 112];
 /// Decoded terrain that heights may hold.
 const QUERY_BYTES: u64 = 64 << 20;
 const FRAME: Duration = Duration::from_micros(16_667);
@@ -95,7 +93,7 @@ fn build(arguments: &Arguments, terrain: &Arc<Terrain>) -> Result<()> {
     let ground = Ground {
         height: &ground_height,
         spacing: frame.step[0].abs().min(frame.step[1].abs()),
-        colour: GROUND,
+        colour: BARE_GROUND,
     };
     let options = CityOptions {
         bake: BakeOptions::of(arguments.k),

@@ -2,15 +2,16 @@
 
 use crate::arguments;
 use crate::commands::{Outcome, open_heights, start_progress};
+use crate::complain;
 use crate::report::Report;
+use kimberlite::Result;
 use kimberlite::blockmap::source::{SourceOptions, read};
 use kimberlite::blockmap::{
-    BakeOptions, City, CityOptions, Ground, Ray, Scene, Visit, build_city, write_png,
+    BARE_GROUND, BakeOptions, City, CityOptions, Ground, Ray, Scene, Visit, build_city, write_png,
 };
 use kimberlite::cut::{DiamondSource, Query};
-use kimberlite::store::Access;
+use kimberlite::store::{Access, Kind, Store};
 use kimberlite::tool::{self, Original, Render, peak_memory_bytes};
-use kimberlite::{Error, Result};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -18,8 +19,6 @@ use std::time::Instant;
 
 /// Decoded terrain that may be held while a city is built on it.
 const QUERY_BYTES: u64 = 64 << 20;
-/// Bare ground.
-const GROUND_COLOUR: [u8; 3] = [126, 128, 112];
 
 /// What a city stands on: a terrain, and a plane where that has no heights.
 struct Base {
@@ -67,7 +66,7 @@ fn read_scene(inputs: &[PathBuf], facades: Option<u32>) -> Result<Scene> {
     };
     let scene = read(inputs, &options)?;
     for warning in &scene.warnings {
-        eprintln!("kmb: warning: {warning}");
+        complain(&format!("warning: {warning}"));
     }
     Ok(scene)
 }
@@ -90,7 +89,7 @@ pub fn build(arguments: &arguments::BuildCity) -> Result<Report> {
     let ground = Ground {
         height: &height,
         spacing: base.spacing(),
-        colour: GROUND_COLOUR,
+        colour: BARE_GROUND,
     };
     let progress = start_progress("building", &arguments.output)?;
     let mut step = |done, total| progress.step(done, total);
@@ -127,7 +126,7 @@ pub fn render(arguments: &arguments::RenderCity) -> Result<Report> {
     let original = scene.as_ref().map(|scene| Original {
         scene,
         ground: &meet,
-        ground_colour: GROUND_COLOUR,
+        ground_colour: BARE_GROUND,
     });
     let what = Render {
         views: arguments.views,
@@ -195,9 +194,10 @@ pub fn verify(city: &City, file: &Path) -> Result<Outcome> {
 
 /// A city, or nothing for a file of another kind.
 pub fn open_city(file: &Path) -> Result<Option<City>> {
-    match City::open(file, Access::Map) {
-        Err(Error::Input { message, .. }) if message == "it is not a city" => Ok(None),
-        opened => opened.map(Some),
+    let store = Store::open(file, Access::Map)?;
+    match store.header().kind {
+        Kind::City => City::of_store(store).map(Some),
+        _ => Ok(None),
     }
 }
 

@@ -189,7 +189,8 @@ impl Building<'_> {
     }
 
     fn wall(&mut self, [from, to]: [[f64; 2]; 2]) {
-        let width = (to[0] - from[0]).hypot(to[1] - from[1]);
+        let [x, y] = [to[0] - from[0], to[1] - from[1]];
+        let width = (x * x + y * y).sqrt();
         let height = self.top - self.base;
         let [bays, storeys] = divisions([width, height]);
         let low = -FOUNDATION * storeys / height;
