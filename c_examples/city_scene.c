@@ -98,9 +98,11 @@ int scene_draw(struct scene *scene, const kmb_view *view, const kmb_budget *budg
                struct scene_stats *stats)
 {
     *stats = (struct scene_stats){{.struct_size = sizeof stats->terrain}, {.struct_size = sizeof stats->city}};
-    kmb_budget rest = *budget;
+    kmb_budget rest = *budget, first = *budget;
+    /* At most half of the bytes, so that what the terrain needs from frame to frame does not drive out the city. */
+    if (first.bytes != KMB_UNLIMITED) first.bytes /= 2;
     if (!scene->cut) clear(view, background);
-    else if (draw_terrain(scene, view, budget, background, &stats->terrain) != KMB_OK
+    else if (draw_terrain(scene, view, &first, background, &stats->terrain) != KMB_OK
              || kmb_budget_rest(budget, &stats->terrain, &rest) != KMB_OK) {
         return library_error("cannot draw the terrain");
     }
