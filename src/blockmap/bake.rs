@@ -1,6 +1,7 @@
 //! A BlockMap out of triangles (thesis, ch. 4.3.2; cityscapes paper, 5): heights and roofs from above, walls from all around.
 
-use super::cast::{Caster, Ray};
+use super::beams::Ray;
+use super::cast::Caster;
 use super::columns::{self, Exposed};
 use super::layout::{BlockMap, direction_byte};
 use super::orthographic::{Orthographic, hemisphere};
@@ -9,7 +10,7 @@ use super::scene::Scene;
 use super::surroundings::{Grid, Local, local};
 use super::walls::Walls;
 use crate::Result;
-use glam::{Mat4, Vec3};
+use glam::{DVec3, Mat4, Vec3};
 
 /// Samples of a texel along one side, from above. An odd number has one in its middle.
 const SAMPLES: usize = 3;
@@ -303,38 +304,33 @@ impl Bake<'_> {
         walls: &mut Walls,
         report: &mut BakeReport,
     ) {
-        let (size, half) = (self.options.view_pixels, self.half());
+        let size = self.options.view_pixels;
         let tolerance = TOLERANCE * self.texel();
         let direction = -view.towards;
+        let (mut pixels, mut rays) = (Vec::with_capacity(size), Vec::with_capacity(size));
         for row in 0..size {
-            for column in 0..size {
-                let number = seen.triangle(column, row);
-                if number == NOTHING {
-                    continue;
-                }
-                let triangle = &self.triangles[number as usize];
-                let eye = view.eye([column, row], size);
-                let distance = eye.dot(view.towards) - seen.nearness(column, row);
-                let place = eye + direction * distance;
-                if place.x.abs() > half || place.y.abs() > half {
-                    continue;
-                }
-                report.seen_pixels += 1;
-                if triangle.normal.z.abs() > ROOF_NORMAL {
-                    continue;
-                }
-                let origin = eye.to_array();
-                let ray = Ray {
-                    origin: [0, 1, 2].map(|axis| self.middle[axis] + f64::from(origin[axis])),
-                    direction: direction.to_array().map(f64::from),
+            pixels.clear();
+            pixels.extend(
+                (0..size).filter_map(|column| self.seen_wall(view, seen, [column, row], report)),
+            );
+            rays.clear();
+            rays.extend(pixels.iter().map(|pixel| Ray {
+                origin: (DVec3::from(self.middle) + pixel.eye.as_dvec3()).to_array(),
+                direction: direction.as_dvec3().to_array(),
+            }));
+            caster.fast_each(&rays, |index, hit| {
+                let Some(hit) = hit else {
+                    return;
                 };
-                let Some(hit) = caster.fast(&ray) else {
-                    continue;
-                };
+                let SeenWall {
+                    eye,
+                    distance,
+                    triangle,
+                } = pixels[index];
                 let behind = distance - hit.distance as f32;
                 report.hidden_pixels += u64::from(behind > tolerance);
                 if !hit.is_wall || behind.abs() > tolerance {
-                    continue;
+                    return;
                 }
                 let weights = triangle.meet(eye, direction);
                 let weights = weights.map_or([1.0, 0.0, 0.0], |(_, weights)| weights);
@@ -342,7 +338,44 @@ impl Bake<'_> {
                 let colour = Vec3::from(self.scene.colour(paint, weights));
                 let facing = triangle.normal * triangle.normal.dot(view.towards).signum();
                 walls.add(&self.map, &hit, colour, facing);
-            }
+            });
         }
     }
+
+    /// The wall that a pixel shows, if it does; counts the pixels that show the block.
+    fn seen_wall(
+        &self,
+        view: &Orthographic,
+        seen: &Seen,
+        [column, row]: [usize; 2],
+        report: &mut BakeReport,
+    ) -> Option<SeenWall<'_>> {
+        let number = seen.triangle(column, row);
+        if number == NOTHING {
+            return None;
+        }
+        let triangle = &self.triangles[number as usize];
+        let eye = view.eye([column, row], self.options.view_pixels);
+        let distance = eye.dot(view.towards) - seen.nearness(column, row);
+        let place = eye - view.towards * distance;
+        if place.x.abs().max(place.y.abs()) > self.half() {
+            return None;
+        }
+        report.seen_pixels += 1;
+        let is_wall = triangle.normal.z.abs() <= ROOF_NORMAL;
+        is_wall.then_some(SeenWall {
+            eye,
+            distance,
+            triangle,
+        })
+    }
+}
+
+/// A wall in a pixel of a view.
+#[derive(Clone, Copy)]
+struct SeenWall<'a> {
+    /// The middle of the pixel.
+    eye: Vec3,
+    distance: f32,
+    triangle: &'a Local,
 }

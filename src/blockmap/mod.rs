@@ -1,6 +1,7 @@
 //! Floor 3: cities as BlockMaps (Di Benedetto's thesis, ch. 4; `docs/cities.md`).
 
 mod bake;
+mod beams;
 mod cast;
 mod city;
 mod codec;
@@ -8,6 +9,7 @@ mod columns;
 mod construct;
 pub mod facade;
 mod layout;
+mod leap;
 mod merge;
 mod orthographic;
 mod png;
@@ -23,7 +25,8 @@ mod walls;
 
 pub use self::png::{read_png, write_png};
 pub use bake::{BARE_GROUND, BakeOptions, BakeReport, Ground, bake};
-pub use cast::{Caster, Hit, Ray, Surface};
+pub use beams::Ray;
+pub use cast::{Caster, Hit, Surface};
 pub use city::City;
 pub use codec::{decode, encode};
 pub use construct::{CityOptions, CityReport, build_city};

@@ -252,7 +252,10 @@ fn cast(camera: &Camera, rays: &CityRays) -> Vec<Option<CityHit>> {
     let [width, height] = camera.size;
     let row = |row: usize| -> Vec<Option<CityHit>> {
         let pixels = row * width..(row + 1) * width;
-        pixels.map(|index| rays.cast(&camera.ray(index))).collect()
+        let pixels: Vec<Ray> = pixels.map(|index| camera.ray(index)).collect();
+        let mut hits = Vec::with_capacity(width);
+        rays.cast_each(&pixels, |_, hit| hits.push(hit));
+        hits
     };
     let mut hits = Vec::with_capacity(width * height);
     let collect =

@@ -139,10 +139,15 @@ proptest! {
         rays in prop::collection::vec((places(), directions()), 200),
     ) {
         let caster = Caster::new(&map, FLOOR);
-        for (place, direction) in rays {
-            let ray = ray(&map, place, direction);
-            let (fast, exact) = (caster.fast(&ray), caster.exact(&ray));
-            prop_assert_eq!(fast, exact, "{:?}", ray);
+        let rays: Vec<Ray> = rays.into_iter().map(|(place, direction)| ray(&map, place, direction)).collect();
+        let mut each = Vec::new();
+        caster.fast_each(&rays, |index, hit| each.push((index, hit)));
+        prop_assert_eq!(each.len(), rays.len());
+        for (number, (ray, (index, hit))) in rays.iter().zip(each).enumerate() {
+            let exact = caster.exact(ray);
+            prop_assert_eq!(index, number);
+            prop_assert_eq!(hit, exact, "{:?} among others", ray);
+            prop_assert_eq!(caster.fast(ray), exact, "{:?}", ray);
         }
     }
 

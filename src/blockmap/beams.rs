@@ -1,0 +1,135 @@
+//! Rays, and four of them at once.
+//!
+//! What can be computed for four rays by the same instructions is: `wide` has them for each machine, and where there are none a loop,
+//! with the same results.
+
+use wide::{f32x4, f64x4};
+
+/// Rays of a packet.
+pub(super) const LANES: usize = 4;
+
+/// A number of each ray; as a mask, all bits or none.
+pub(super) type Floats = f32x4;
+/// As [`Floats`], where places in a reference system ask for more.
+type Doubles = f64x4;
+
+/// Least size of a direction's component, of about 1, so that none divides by 0.
+const LEAST_DIRECTION: f64 = 1e-300;
+/// Least size of a direction.
+const LEAST_SCALE: f64 = 1e-300;
+
+/// A half line in metres.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Where it starts.
+    pub origin: [f64; 3],
+    /// Where it goes; of any length above 0.
+    pub direction: [f64; 3],
+}
+
+/// Rays with what all boxes ask of them. Directions are scaled by powers of two, exactly, to sizes of about 1.
+pub(super) struct Beams {
+    pub(super) origin: [Doubles; 3],
+    pub(super) direction: [Doubles; 3],
+    pub(super) inverse: [Doubles; 3],
+    /// Lengths of the rays' own directions in one of the scaled ones'.
+    lengths: Doubles,
+}
+
+/// Where rays are in a box.
+pub(super) struct Spans {
+    /// From where on, in lengths of the scaled directions.
+    pub(super) start: Doubles,
+    /// To where.
+    pub(super) end: Doubles,
+    /// Whether they come in through a side; else from above, or they start inside.
+    pub(super) is_side: Floats,
+    /// Whether they are in it anywhere.
+    pub(super) meets: Floats,
+}
+
+/// A square of the ground: its south-west corner and its edge, in metres.
+pub(super) type Square = ([f64; 2], f64);
+
+/// Rays in packets, and how many of each; the last packet is filled up with its first ray.
+pub(super) fn packets(rays: &[Ray]) -> impl Iterator<Item = ([Ray; LANES], usize)> {
+    rays.chunks(LANES).map(|rays| {
+        let packet = std::array::from_fn(|lane| *rays.get(lane).unwrap_or(&rays[0]));
+        (packet, rays.len())
+    })
+}
+
+#[inline(always)]
+pub(super) fn select(mask: Floats, one: Floats, other: Floats) -> Floats {
+    mask.bitselect(one, other)
+}
+
+/// Without what comes after the point, of numbers that an `i32` holds.
+#[inline(always)]
+pub(super) fn whole(numbers: Floats) -> Floats {
+    Floats::from_i32x4(numbers.fast_trunc_int())
+}
+
+/// To the nearest floats.
+#[inline(always)]
+pub(super) fn narrow(numbers: Doubles) -> Floats {
+    Floats::from(numbers.to_array().map(|number| number as f32))
+}
+
+/// A mask's low halves, which are as its high ones.
+#[inline(always)]
+fn narrow_mask(mask: Doubles) -> Floats {
+    Floats::from(
+        mask.to_array()
+            .map(|number| f32::from_bits(number.to_bits() as u32)),
+    )
+}
+
+impl Beams {
+    #[inline(always)]
+    pub(super) fn new(rays: &[Ray; LANES]) -> Beams {
+        let [x, y, z] = [0, 1, 2].map(|axis| Doubles::from(rays.map(|ray| ray.direction[axis])));
+        let size = x.abs().fast_max(y.abs()).fast_max(z.abs());
+        // The bits of infinity are those of an exponent: they leave a power of two.
+        let scale = size.fast_max(Doubles::splat(LEAST_SCALE)) & Doubles::splat(f64::INFINITY);
+        let lengths = Doubles::splat(1.0) / scale;
+        let direction = [x * lengths, y * lengths, z * lengths];
+        Beams {
+            origin: [0, 1, 2].map(|axis| Doubles::from(rays.map(|ray| ray.origin[axis]))),
+            inverse: direction.map(|along| {
+                let size = along.abs().fast_max(Doubles::splat(LEAST_DIRECTION));
+                Doubles::splat(1.0) / (size | (along & Doubles::splat(-0.0)))
+            }),
+            direction,
+            lengths,
+        }
+    }
+
+    /// A distance in lengths of a ray's own direction.
+    pub(super) fn distance(&self, lane: usize, distance: f64) -> f64 {
+        distance * self.lengths.to_array()[lane]
+    }
+
+    /// Where they are in a box over a square. Boxes that touch agree bit for bit on where a ray passes from one to the other.
+    #[inline(always)]
+    pub(super) fn spans(&self, (corner, side): Square, heights: [f64; 2]) -> Spans {
+        let between = |axis: usize, low: f64, high: f64| {
+            let [one, other] = [low, high]
+                .map(|bound| (Doubles::splat(bound) - self.origin[axis]) * self.inverse[axis]);
+            (one.fast_min(other), one.fast_max(other))
+        };
+        let x = between(0, corner[0], corner[0] + side);
+        let y = between(1, corner[1], corner[1] + side);
+        let z = between(2, heights[0], heights[1]);
+        let beside = x.0.fast_max(y.0);
+        let above = z.0.fast_max(Doubles::ZERO);
+        let start = beside.fast_max(above);
+        let end = x.1.fast_min(y.1).fast_min(z.1);
+        Spans {
+            is_side: narrow_mask(beside.simd_ge(above)),
+            meets: narrow_mask(start.simd_le(end)),
+            start,
+            end,
+        }
+    }
+}
