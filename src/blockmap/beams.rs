@@ -88,19 +88,22 @@ fn narrow_mask(mask: Doubles) -> Floats {
 impl Beams {
     #[inline(always)]
     pub(super) fn new(rays: &[Ray; LANES]) -> Beams {
-        let [x, y, z] = [0, 1, 2].map(|axis| Doubles::from(rays.map(|ray| ray.direction[axis])));
+        let origin = |axis: usize| Doubles::from(rays.map(|ray| ray.origin[axis]));
+        let direction = |axis: usize| Doubles::from(rays.map(|ray| ray.direction[axis]));
+        let (x, y, z) = (direction(0), direction(1), direction(2));
         let size = x.abs().fast_max(y.abs()).fast_max(z.abs());
         // The bits of infinity are those of an exponent: they leave a power of two.
         let scale = size.fast_max(Doubles::splat(LEAST_SCALE)) & Doubles::splat(f64::INFINITY);
         let lengths = Doubles::splat(1.0) / scale;
-        let direction = [x * lengths, y * lengths, z * lengths];
+        let inverse = |along: Doubles| {
+            let size = along.abs().fast_max(Doubles::splat(LEAST_DIRECTION));
+            Doubles::splat(1.0) / (size | (along & Doubles::splat(-0.0)))
+        };
+        let (x, y, z) = (x * lengths, y * lengths, z * lengths);
         Beams {
-            origin: [0, 1, 2].map(|axis| Doubles::from(rays.map(|ray| ray.origin[axis]))),
-            inverse: direction.map(|along| {
-                let size = along.abs().fast_max(Doubles::splat(LEAST_DIRECTION));
-                Doubles::splat(1.0) / (size | (along & Doubles::splat(-0.0)))
-            }),
-            direction,
+            origin: [origin(0), origin(1), origin(2)],
+            direction: [x, y, z],
+            inverse: [inverse(x), inverse(y), inverse(z)],
             lengths,
         }
     }
@@ -114,8 +117,8 @@ impl Beams {
     #[inline(always)]
     pub(super) fn spans(&self, (corner, side): Square, heights: [f64; 2]) -> Spans {
         let between = |axis: usize, low: f64, high: f64| {
-            let [one, other] = [low, high]
-                .map(|bound| (Doubles::splat(bound) - self.origin[axis]) * self.inverse[axis]);
+            let one = (Doubles::splat(low) - self.origin[axis]) * self.inverse[axis];
+            let other = (Doubles::splat(high) - self.origin[axis]) * self.inverse[axis];
             (one.fast_min(other), one.fast_max(other))
         };
         let x = between(0, corner[0], corner[0] + side);

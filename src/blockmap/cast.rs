@@ -176,6 +176,10 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
         }
     }
 
+    pub(super) fn side_texels(&self) -> usize {
+        self.map.side_texels
+    }
+
     /// All of the block.
     pub(super) fn square(&self) -> Square {
         (self.map.corner, self.map.side)
@@ -273,8 +277,8 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
         lane: usize,
         meeting: Meeting,
     ) -> Hit {
-        let of_lane = |numbers: Floats| numbers.to_array()[lane];
-        let [origin, direction] = [walks.origin, walks.direction].map(of_lane);
+        let origin = walks.origin.to_array()[lane];
+        let direction = walks.direction.to_array()[lane];
         let (index, side) = (meeting.index as usize, self.map.side_texels);
         let top = self.heights[index];
         let [column, row] = [index % side, index / side];

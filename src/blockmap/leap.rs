@@ -56,7 +56,7 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
     /// Tells the meetings of those of four rays that have one.
     #[inline(always)]
     pub(super) fn leap(&self, walks: &Walks, lanes: Floats, mut tell: impl FnMut(usize, Meeting)) {
-        let side = self.heights.len().isqrt() as f32;
+        let side = self.side_texels() as f32;
         let course = Course::new(walks, side);
         let texels = Field::new(&self.heights, walks, side);
         let squares = Field::new(&self.squares, walks, side / SQUARE_SIDE);
@@ -78,8 +78,8 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
 impl<'a> Field<'a> {
     #[inline(always)]
     fn new(heights: &'a [f32], walks: &Walks, side: f32) -> Field<'a> {
-        let [last, one] = [side - 1.0, 1.0].map(Floats::splat);
-        let [x, y] = [walks.x.is_mirrored, walks.y.is_mirrored];
+        let (last, one) = (Floats::splat(side - 1.0), Floats::splat(1.0));
+        let (x, y) = (walks.x.is_mirrored, walks.y.is_mirrored);
         Field {
             heights,
             base: (x & last) + (y & (last * side)),
@@ -165,7 +165,8 @@ impl<'a> Course<'a> {
             along = self.minor.place(leave) * per_square;
             let high = whole((along + MARGIN).fast_min(highest));
             let first = squares.base + column * columns;
-            let [one, other] = [low, high].map(|row| squares.at(first + row * rows));
+            let one = squares.at(first + low * rows);
+            let other = squares.at(first + high * rows);
             // Along a diagonal, with the margins, there may be a third between them.
             let is_wide = (high - low).simd_gt(Floats::splat(1.0));
             let top = select(is_wide, Floats::splat(f32::INFINITY), one.fast_max(other));
@@ -234,10 +235,8 @@ impl<'a> Course<'a> {
         let one = Floats::splat(1.0);
         let (axis_x, axis_y, end) = (&self.walks.x, &self.walks.y, self.walks.end);
         let line = (found.column + 1.0) * SQUARE_SIDE;
-        let limits = [
-            select(self.is_x, line, self.side),
-            select(self.is_x, self.side, line),
-        ];
+        let limit_x = select(self.is_x, line, self.side);
+        let limit_y = select(self.is_x, self.side, line);
         let Places {
             texel: [mut x, mut y],
             mut before,
@@ -247,16 +246,20 @@ impl<'a> Course<'a> {
         let (mut strolling, mut onward) = (found.lanes, Floats::ZERO);
         let mut met = Meetings::default();
         loop {
-            let [cross_x, cross_y] = [axis_x.crossing(x + one), axis_y.crossing(y + one)];
+            let (cross_x, cross_y) = (axis_x.crossing(x + one), axis_y.crossing(y + one));
             let leave = cross_x.fast_min(cross_y).fast_min(end);
             let next = self.height(leave);
             let index = texels.index([x, y]);
             let is_met = height.fast_min(next).simd_le(texels.at(index)) & strolling;
-            met.add(is_met, [index, before, distance, leave]);
+            met.lanes |= is_met;
+            met.index = select(is_met, index, met.index);
+            met.before = select(is_met, before, met.before);
+            met.distance = select(is_met, distance, met.distance);
+            met.leave = select(is_met, leave, met.leave);
             let is_x = cross_x.simd_le(cross_y);
             x += is_x & one;
             y += !is_x & one;
-            let [in_x, in_y] = [x.simd_lt(limits[0]), y.simd_lt(limits[1])];
+            let (in_x, in_y) = (x.simd_lt(limit_x), y.simd_lt(limit_y));
             strolling = strolling & !is_met & leave.simd_lt(end);
             onward |= strolling & !select(self.is_x, in_x, in_y);
             strolling = strolling & in_x & in_y;
@@ -269,25 +272,21 @@ impl<'a> Course<'a> {
     }
 }
 
-/// Meetings of four rays: what [`Meeting`] has, in its order.
+/// Meetings of four rays, as [`Meeting`].
 #[derive(Default)]
 struct Meetings {
     lanes: Floats,
-    numbers: [Floats; 4],
+    index: Floats,
+    before: Floats,
+    distance: Floats,
+    leave: Floats,
 }
 
 impl Meetings {
     #[inline(always)]
-    fn add(&mut self, lanes: Floats, numbers: [Floats; 4]) {
-        self.lanes |= lanes;
-        for (all, new) in self.numbers.iter_mut().zip(numbers) {
-            *all = select(lanes, new, *all);
-        }
-    }
-
-    #[inline(always)]
     fn each(&self, tell: &mut impl FnMut(usize, Meeting)) {
-        let [index, before, distance, leave] = self.numbers.map(Floats::to_array);
+        let (index, before) = (self.index.to_array(), self.before.to_array());
+        let (distance, leave) = (self.distance.to_array(), self.leave.to_array());
         let lanes = self.lanes.to_bitmask();
         for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
             let meeting = Meeting {
