@@ -15,7 +15,8 @@
 #              instants; 410 million samples in 256 MiB, which take 8 GB of disk and for comparison 10 GB of memory;
 #              20,000 random legal cuts without a crack, half of them with colours and detail, 30,000 settled ones as good as fresh ones, 10,000 whose diamonds threads
 #              decode; four viewers on one repository for ten minutes; a million heights of a raster;
-#              100,000 rays against every triangle; 10 million into cities of mixed levels, and 10 million by both casters of BlockMaps
+#              100,000 rays against every triangle; 10 million into cities of mixed levels, and 10 million by both casters of BlockMaps; 500 pictures
+#              of random mixes of levels
 # make header  regenerates include/kimberlite.h
 # make deps    only what the others install
 
@@ -135,13 +136,15 @@ storage:
 	cargo run --release --locked --manifest-path benches/storage/Cargo.toml --target-dir target -- \
 		$(or $(FILE),target/storage/andes.kmb) --csv target/storage/measured.csv $(ARGS)
 
-soak:
+soak: build
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test command_line -- --nocapture --test-threads 1 damage:: resume:: large::
 	KIMBERLITE_CASES=10000 cargo test --locked --release --test cut -- conformity:: grounds:: best:: threads::
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test cut -- --nocapture heights:: ray_hits::
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test viewers -- --nocapture
 	KIMBERLITE_CASES=50000 cargo test --locked --release --test city -- casting::
 	KIMBERLITE_SOAK=1 cargo test --locked --release --test city -- seams::
+	@mkdir -p target/soak
+	$(BUILD)/ffi_tests/city_shader target/soak data/city/delft_lod1.city.json 500 192
 
 clean:
 	rm -rf target

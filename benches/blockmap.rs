@@ -1,9 +1,11 @@
-//! Rays against one BlockMap.
+//! Rays against one BlockMap, and the decoding of its image.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use kimberlite::blockmap::source::{ProceduralCity, generate};
-use kimberlite::blockmap::{BakeOptions, BlockMap, Caster, Grid, Ground, Ray, Scene, bake};
+use kimberlite::blockmap::{
+    BakeOptions, BlockMap, Caster, Grid, Ground, Ray, Scene, bake, decode, encode,
+};
 use std::hint::black_box;
 
 /// Pixels along a picture.
@@ -20,7 +22,7 @@ fn city() -> Scene {
     generate(&city, &|_| Some(0.0))
 }
 
-fn block(scene: &Scene) -> BlockMap {
+fn block(scene: &Scene, side_texels: usize) -> BlockMap {
     let corner = [1000.0 + SIDE, 2000.0 + SIDE];
     let grid = Grid::new(scene, corner, SIDE, [1, 1]);
     let ground = Ground {
@@ -28,7 +30,7 @@ fn block(scene: &Scene) -> BlockMap {
         spacing: f64::INFINITY,
         colour: [120; 3],
     };
-    let options = BakeOptions::default();
+    let options = BakeOptions::of(side_texels);
     bake(scene, &grid, &ground, (corner, SIDE), &options)
         .unwrap()
         .0
@@ -60,7 +62,7 @@ fn primary(map: &BlockMap) -> Vec<Ray> {
 
 fn rays(criterion: &mut Criterion) {
     let scene = city();
-    let map = block(&scene);
+    let map = block(&scene, 128);
     let caster = Caster::new(&map, -1.0);
     let rays = primary(&map);
     let hits = rays.iter().filter(|ray| caster.fast(ray).is_some()).count();
@@ -95,5 +97,25 @@ fn rays(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, rays);
+/// Bytes a second are those of the images.
+fn images(criterion: &mut Criterion) {
+    let scene = city();
+    let mut group = criterion.benchmark_group("images");
+    for side_texels in [32, 64, 128] {
+        let map = block(&scene, side_texels);
+        let bytes = encode(&map).unwrap();
+        println!(
+            "{side_texels}: {} bytes of {}",
+            bytes.len(),
+            map.image.len()
+        );
+        group.throughput(Throughput::Bytes(map.image.len() as u64));
+        group.bench_function(format!("decode {side_texels}"), |bencher| {
+            bencher.iter(|| decode(black_box(&bytes), (map.corner, map.side)).unwrap());
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, rays, images);
 criterion_main!(benches);
