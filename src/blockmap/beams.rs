@@ -108,6 +108,13 @@ impl Beams {
         }
     }
 
+    /// The number of the quarter of a square that each ray comes to before the others, if to all: 1 for east and 2 for north.
+    #[inline(always)]
+    pub(super) fn first_quarters(&self) -> Floats {
+        let is_against = |axis: usize| narrow_mask(self.direction[axis].simd_lt(Doubles::ZERO));
+        (is_against(0) & Floats::splat(1.0)) + (is_against(1) & Floats::splat(2.0))
+    }
+
     /// A distance in lengths of a ray's own direction.
     pub(super) fn distance(&self, lane: usize, distance: f64) -> f64 {
         distance * self.lengths.to_array()[lane]
@@ -125,11 +132,10 @@ impl Beams {
         let y = between(1, corner[1], corner[1] + side);
         let z = between(2, heights[0], heights[1]);
         let beside = x.0.fast_max(y.0);
-        let above = z.0.fast_max(Doubles::ZERO);
-        let start = beside.fast_max(above);
+        let start = beside.fast_max(z.0).fast_max(Doubles::ZERO);
         let end = x.1.fast_min(y.1).fast_min(z.1);
         Spans {
-            is_side: narrow_mask(beside.simd_ge(above)),
+            is_side: narrow_mask(beside.simd_ge(z.0) & beside.simd_gt(Doubles::ZERO)),
             meets: narrow_mask(start.simd_le(end)),
             start,
             end,

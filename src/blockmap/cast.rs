@@ -121,43 +121,52 @@ impl<M: Deref<Target = BlockMap>> Caster<M> {
 
     /// The nearest hit; equal to [`exact`](Self::exact)'s.
     pub fn fast(&self, ray: &Ray) -> Option<Hit> {
-        let beams = Beams::new(&[*ray; LANES]);
-        let [hit, ..] = self.packet(&beams, self.square(), !Floats::ZERO);
-        hit
+        let mut found = None;
+        self.fast_each(&[*ray], |_, hit| found = hit);
+        found
     }
 
     /// The nearest hits of many rays, one by one with their numbers: as [`fast`](Self::fast), and several times as fast where
     /// neighbours go almost the same way.
     pub fn fast_each(&self, rays: &[Ray], mut found: impl FnMut(usize, Option<Hit>)) {
         for (number, (rays, count)) in packets(rays).enumerate() {
-            let hits = self.packet(&Beams::new(&rays), self.square(), !Floats::ZERO);
+            let mut hits = [None; LANES];
+            self.packet(
+                &Beams::new(&rays),
+                self.square(),
+                !Floats::ZERO,
+                |lane, hit| {
+                    hits[lane] = Some(hit);
+                },
+            );
             for (lane, hit) in hits.into_iter().take(count).enumerate() {
                 found(number * LANES + lane, hit);
             }
         }
     }
 
-    /// The nearest hits, of `lanes` only, in the block or in a quarter of it.
+    /// Tells the nearest hits, of `lanes` only, in the block or in a quarter of it; gives the lanes that have one.
     #[inline(always)]
     pub(super) fn packet(
         &self,
         beams: &Beams,
         square: Square,
         lanes: Floats,
-    ) -> [Option<Hit>; LANES] {
+        mut tell: impl FnMut(usize, Hit),
+    ) -> Floats {
         let spans = beams.spans(square, self.heights_range());
-        let mut hits = [None; LANES];
         let lanes = spans.meets & lanes;
-        if lanes.any() {
-            let walks = self.walks(beams, &spans);
-            self.leap(&walks, lanes, |lane, meeting| {
-                hits[lane] = Some(self.told((beams, &spans, &walks), lane, meeting));
-            });
+        if !lanes.any() {
+            return lanes;
         }
-        hits
+        let walks = self.walks(beams, &spans);
+        self.leap(&walks, lanes, |lane, meeting| {
+            tell(lane, self.told((beams, &spans, &walks), lane, meeting));
+        })
     }
 
     /// What is at a hit.
+    #[inline]
     pub fn surface(&self, hit: &Hit) -> Surface {
         let map = &*self.map;
         let [column, row] = hit.texel.map(usize::from);

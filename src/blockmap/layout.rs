@@ -77,9 +77,11 @@ impl BlockMap {
     }
 
     /// The texel of the image in this column and row.
+    #[inline]
     pub fn at(&self, column: usize, row: usize) -> [u8; 4] {
         let first = TEXEL * (row * self.width() + column);
-        [0, 1, 2, 3].map(|channel| self.image[first + channel])
+        let texel = &self.image[first..first + TEXEL];
+        [texel[0], texel[1], texel[2], texel[3]]
     }
 
     /// Writes a texel of the image.
@@ -141,19 +143,22 @@ impl BlockMap {
     }
 
     /// A texel's column of walls, 0 for none.
+    #[inline]
     pub fn wall_column(&self, column: usize, row: usize) -> u8 {
         self.image[TEXEL * (row * self.width() + column) + 1]
     }
 
     /// The unit normal of a roof or of the ground, z upwards.
+    #[inline]
     pub fn roof_normal(&self, column: usize, row: usize) -> [f32; 3] {
         let [_, _, x, y] = self.at(column, row);
-        let [x, y] = [x, y].map(direction);
+        let (x, y) = (direction(x), direction(y));
         let z = (1.0 - x * x - y * y).max(0.0).sqrt();
         [x, y, z]
     }
 
     /// Colour and ambient occlusion of a roof or of the ground.
+    #[inline]
     pub fn roof(&self, column: usize, row: usize) -> [u8; 4] {
         self.at(self.side_texels + column, row)
     }
@@ -169,6 +174,7 @@ impl BlockMap {
     }
 
     /// Where in the image the wall of the texel in `row`, in a wall column, has its colour at a height.
+    #[inline]
     pub fn wall_place(&self, row: usize, wall_column: u8, height: f32) -> [usize; 2] {
         let [low, high] = self.heights;
         let share = if high > low {
@@ -186,6 +192,7 @@ impl BlockMap {
     }
 
     /// Where in the image the wall of the texel in `row`, in a wall column, has its normal.
+    #[inline]
     pub fn wall_normal_place(&self, row: usize, wall_column: u8) -> [usize; 2] {
         let slice = row / self.slice_rows();
         [
@@ -195,10 +202,11 @@ impl BlockMap {
     }
 
     /// The mean normal of a wall column.
+    #[inline]
     pub fn wall_normal(&self, row: usize, wall_column: u8) -> [f32; 3] {
         let [column, row] = self.wall_normal_place(row, wall_column);
         let [x, y, z, _] = self.at(column, row);
-        [x, y, z].map(direction)
+        [direction(x), direction(y), direction(z)]
     }
 }
 
@@ -208,6 +216,7 @@ pub fn image_bytes(side_texels: usize) -> usize {
 }
 
 /// A component of a unit vector out of its byte: 0 is -1, 254 is 1, 127 is 0.
+#[inline]
 pub fn direction(byte: u8) -> f32 {
     (f32::from(byte) - 127.0) / 127.0
 }

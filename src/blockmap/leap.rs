@@ -53,25 +53,33 @@ struct Places {
 }
 
 impl<M: Deref<Target = BlockMap>> Caster<M> {
-    /// Tells the meetings of those of four rays that have one.
+    /// Tells the meetings of those of four rays that have one; gives which.
     #[inline(always)]
-    pub(super) fn leap(&self, walks: &Walks, lanes: Floats, mut tell: impl FnMut(usize, Meeting)) {
+    pub(super) fn leap(
+        &self,
+        walks: &Walks,
+        lanes: Floats,
+        mut tell: impl FnMut(usize, Meeting),
+    ) -> Floats {
         let side = self.side_texels() as f32;
         let course = Course::new(walks, side);
         let texels = Field::new(&self.heights, walks, side);
         let squares = Field::new(&self.squares, walks, side / SQUARE_SIDE);
         let mut column = whole(course.major.origin * (1.0 / SQUARE_SIDE));
-        let mut sought = lanes;
+        let (mut sought, mut met) = (lanes, Floats::ZERO);
         while sought.any() {
             let found = course.search(&squares, column, sought);
             if !found.lanes.any() {
-                return;
+                break;
             }
             let places = course.enter(&found, &texels);
-            sought = course.stroll(&texels, &found, places, &mut tell);
+            let (meetings, onward) = course.stroll(&texels, &found, places);
+            meetings.each(&mut tell);
+            met |= meetings.lanes;
             column = found.column + 1.0;
-            sought &= (column * SQUARE_SIDE).simd_lt(course.side);
+            sought = onward & (column * SQUARE_SIDE).simd_lt(course.side);
         }
+        met
     }
 }
 
@@ -223,15 +231,9 @@ impl<'a> Course<'a> {
         }
     }
 
-    /// Tells the meetings in the columns that were found; gives the rays that go on to the next ones.
+    /// The meetings in the columns that were found, and the rays that go on to the next ones.
     #[inline(always)]
-    fn stroll(
-        &self,
-        texels: &Field,
-        found: &Found,
-        places: Places,
-        tell: &mut impl FnMut(usize, Meeting),
-    ) -> Floats {
+    fn stroll(&self, texels: &Field, found: &Found, places: Places) -> (Meetings, Floats) {
         let one = Floats::splat(1.0);
         let (axis_x, axis_y, end) = (&self.walks.x, &self.walks.y, self.walks.end);
         let line = (found.column + 1.0) * SQUARE_SIDE;
@@ -265,8 +267,7 @@ impl<'a> Course<'a> {
             strolling = strolling & in_x & in_y;
             (height, distance, before) = (next, leave, index);
             if !strolling.any() {
-                met.each(tell);
-                return onward;
+                return (met, onward);
             }
         }
     }

@@ -124,16 +124,12 @@ impl CityRays {
     }
 
     fn packet(&self, rays: &[Ray; LANES]) -> [Option<(u32, Hit)>; LANES] {
-        let first = |ray: &Ray| {
-            let [x, y, _] = ray.direction.map(|along| u32::from(along < 0.0));
-            x + 2 * y
-        };
-        let firsts = Floats::from(rays.map(|ray| first(&ray) as f32));
         let mut packet = Packet {
             beams: Beams::new(rays),
             order: [0; 4],
             hits: [None; LANES],
         };
+        let firsts = packet.beams.first_quarters();
         // Most often one group of all.
         for quarter in 0..4 {
             let lanes = firsts.simd_eq(Floats::splat(quarter as f32));
@@ -171,12 +167,12 @@ impl CityRays {
     }
 
     fn cast_block(&self, packet: &mut Packet, node: u32, square: Square, lanes: Floats) -> Floats {
-        let hits = self.caster(node).packet(&packet.beams, square, lanes);
-        let met = hits.map(|hit| f32::from(u8::from(hit.is_some())));
-        for (known, new) in packet.hits.iter_mut().zip(hits) {
-            *known = known.or(new.map(|hit| (node, hit)));
-        }
-        lanes & Floats::from(met).simd_eq(Floats::ZERO)
+        let Packet { beams, hits, .. } = packet;
+        let caster = self.caster(node);
+        lanes
+            & !caster.packet(beams, square, lanes, |lane, hit| {
+                hits[lane] = Some((node, hit))
+            })
     }
 
     /// That of a node of which something is drawn.

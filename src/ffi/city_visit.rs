@@ -413,7 +413,10 @@ pub unsafe extern "C" fn kmb_city_visit_cast(
             }
             city.cast_each(&ready[..rays.len()], |index, hit| {
                 let hit = hit.filter(|hit| hit.hit.distance <= rays[index].longest);
-                hits[index] = hit.map_or(NO_HIT, hit_told);
+                hits[index] = match hit {
+                    Some(hit) => hit_told(hit),
+                    None => NO_HIT,
+                };
             });
         }
         Ok(())
@@ -441,13 +444,14 @@ fn check(index: usize, ray: &kmb_ray) -> Outcome {
     Ok(())
 }
 
+#[inline]
 fn hit_told(CityHit { node, hit, surface }: CityHit) -> kmb_city_hit {
     let [red, green, blue] = surface.colour;
     kmb_city_hit {
         struct_size: size_of::<kmb_city_hit>() as u32,
         node,
         distance: hit.distance,
-        texel: hit.texel.map(u32::from),
+        texel: [u32::from(hit.texel[0]), u32::from(hit.texel[1])],
         height: hit.height,
         is_wall: u32::from(hit.is_wall),
         normal: surface.normal,
