@@ -190,3 +190,22 @@ fn a_ray_that_starts_in_a_prism_goes_on() {
     let hit = caster.fast(&ray).unwrap();
     assert_eq!((hit.distance, hit.texel), (0.0, [16, 16]));
 }
+
+#[test]
+fn the_length_of_a_direction_changes_what_is_met() {
+    let mut map = BlockMap::new(32, [0.0; 2], 32.0).unwrap();
+    let heights: Vec<f32> = (0..32 * 32).map(|index| (index % 7) as f32).collect();
+    map.set_heights(&heights, false);
+    let caster = Caster::new(&map, FLOOR);
+    let ray = |length: f64| Ray {
+        origin: [-10.0, 3.3, 9.0],
+        direction: [2.0, 0.3, -0.4].map(|along| along * length),
+    };
+    let one = caster.fast(&ray(1.0)).unwrap();
+    for exponent in [-900, -60, 60, 900] {
+        let length = 2f64.powi(exponent);
+        let hit = caster.fast(&ray(length)).unwrap();
+        assert_eq!((hit.texel, hit.height), (one.texel, one.height));
+        assert_eq!(hit.distance, one.distance / length);
+    }
+}
