@@ -4,7 +4,7 @@ mod rows;
 mod sections;
 mod tables;
 
-use self::rows::{Coder, LANES, LONGEST_ROW, NOWHERE, Places, Plane, Predictor, Row};
+use self::rows::{Coder, LANES, NOWHERE, Places, Plane, Predictor, Row};
 use self::sections::{Hints, PLANES};
 use self::tables::{Model, NO_COUNTS, PlaneCounts};
 use super::layout::BlockMap;
@@ -19,6 +19,8 @@ const FORM: u8 = 2;
 const HEADER_LENGTH: usize = 4 + 4 * 4 + 2 + 2 + 4;
 const HAS_16_BITS: u8 = 1;
 const HAS_ALL_COLUMNS: u8 = 2;
+/// Most symbols of a row.
+const LONGEST_ROW: usize = 256;
 
 /// The bytes of a block, but for its place.
 ///

@@ -4,8 +4,6 @@ use crate::vectors::widened;
 
 /// Rows are as long as a multiple of this, so that lanes of the entropy coder fill them.
 pub const LANES: usize = 8;
-/// Most values of a row.
-pub const LONGEST_ROW: usize = 256;
 /// Contexts of a zone: activities times companions.
 pub const ZONE_CONTEXTS: u8 = ACTIVITIES * COMPANIONS;
 const ACTIVITIES: u8 = 6;
@@ -200,10 +198,8 @@ impl Row<'_> {
     pub fn sums(&mut self, errors: &[i32]) {
         find_sizes(errors, self.bits, self.sizes);
         let mask = mask(self.bits);
-        match self.predictor {
-            Predictor::Above => return add(self.values, self.above, errors, self.zones, mask),
-            Predictor::Guided => return self.guided_sums(errors, mask),
-            _ => {}
+        if self.predictor == Predictor::Above {
+            return add(self.values, self.above, errors, self.zones, mask);
         }
         let values = std::mem::take(&mut self.values);
         let zones = &self.zones[..values.len()];
@@ -214,18 +210,6 @@ impl Row<'_> {
             value
         });
         self.values = values;
-    }
-
-    /// As [`sums`](Self::sums): what does not hang on the value to the left is found first, and for all values at once.
-    fn guided_sums(&mut self, errors: &[i32], mask: u16) {
-        let mut lefts = [0; LONGEST_ROW];
-        let lefts = &mut lefts[..self.values.len()];
-        lay(self.values, lefts, self.above, self.guides, errors);
-        let mut left = 0;
-        for ((value, &is_left), &zone) in self.values.iter_mut().zip(&*lefts).zip(self.zones) {
-            left = (left & is_left).wrapping_add(*value) & kept(zone, mask);
-            *value = left;
-        }
     }
 
     /// Foresees each value in turn; `pass` returns what it is.
@@ -283,26 +267,6 @@ widened! {
         let known = above.iter().zip(errors).zip(zones);
         for (value, ((&above, &error), &zone)) in values.iter_mut().zip(known) {
             *value = above.wrapping_add(error as u16) & kept(zone, mask);
-        }
-    }
-}
-
-widened! {
-    /// The sums of errors and guides but for the values to the left, whose places are all ones in `lefts`. No guide leads out of the row.
-    fn lay(sums: &mut [u16], lefts: &mut [u16], above: &[u16], guides: &[u8], errors: &[i32]) {
-        let width = sums.len();
-        let (lefts, above) = (&mut lefts[..width], &above[..width]);
-        let (guides, errors) = (&guides[..width], &errors[..width]);
-        let is = |guide: u8, other: u8| if guide == other { u16::MAX } else { 0 };
-        for index in 0..width {
-            lefts[index] = is(guides[index], guide::LEFT);
-            sums[index] = (above[index] & is(guides[index], guide::ABOVE)).wrapping_add(errors[index] as u16);
-        }
-        for (index, sum) in sums.iter_mut().enumerate().skip(1) {
-            *sum = sum.wrapping_add(above[index - 1] & is(guides[index], guide::CORNER));
-        }
-        for (index, sum) in sums.iter_mut().enumerate().take(width - 1) {
-            *sum = sum.wrapping_add(above[index + 1] & is(guides[index], guide::ABOVE_RIGHT));
         }
     }
 }
