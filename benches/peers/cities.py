@@ -16,7 +16,7 @@ from svg import Axis, Chart, Style, nice_log
 SIDES = 32, 64, 128
 RINGS = {"far": ("far", Style("circle", "", True)), "middle": ("middle", Style("square", "7 3", True)), "near": ("near", Style("up", "2 3", True))}
 SEED = "7"
-VIEWS = "63"
+VIEWS = "64"
 COLUMNS = "city,k,leaves,blocks,bytes,bytes_per_leaf,seconds_per_leaf,unassigned,wall_texels,hidden_share,holes".split(",")
 COLUMNS += [f"{figure}_{ring}" for figure in ("psnr", "depth") for ring in RINGS]
 TICKS = [m * 10**d for d in range(-3, 9) for m in (1, 2, 5)]
@@ -61,7 +61,7 @@ def likeness(folder):
         for figure, label, better in (("psnr", "PSNR, dB", "higher"), ("depth", "mean depth error, m", "lower")):
             values = [float(row[f"{figure}_{ring}"]) for row in own for ring in RINGS]
             y = Axis(label, 0.9 * min(values), 1.1 * max(values))
-            subtitle = f"63 views on three rings, against the triangles with the same shading; {better} is better"
+            subtitle = f"{VIEWS} views on three rings, against the triangles with the same shading; {better} is better"
             chart = Chart(f"Likeness of BlockMaps: {city}", subtitle, x, y, 120)
             for ring, (name, style) in RINGS.items():
                 chart.curve([(size, float(row[f"{figure}_{ring}"])) for size, row in zip(sizes, own)], name, style)
