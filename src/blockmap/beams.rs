@@ -34,6 +34,8 @@ pub(super) struct Beams {
     pub(super) inverse: [Doubles; 3],
     /// Lengths of the rays' own directions in one of the scaled ones'.
     lengths: Doubles,
+    /// Whether any of them does not move along an axis.
+    is_any_still: bool,
 }
 
 /// Where rays are in a box.
@@ -100,11 +102,13 @@ impl Beams {
             Doubles::splat(1.0) / (size | (along & Doubles::splat(-0.0)))
         };
         let (x, y, z) = (x * lengths, y * lengths, z * lengths);
+        let still = [x, y, z].map(|along| along.simd_eq(Doubles::ZERO).any());
         Beams {
             origin: [origin(0), origin(1), origin(2)],
             direction: [x, y, z],
             inverse: [inverse(x), inverse(y), inverse(z)],
             lengths,
+            is_any_still: still.contains(&true),
         }
     }
 
@@ -126,7 +130,14 @@ impl Beams {
         let between = |axis: usize, low: f64, high: f64| {
             let one = (Doubles::splat(low) - self.origin[axis]) * self.inverse[axis];
             let other = (Doubles::splat(high) - self.origin[axis]) * self.inverse[axis];
-            (one.fast_min(other), one.fast_max(other))
+            let mut leave = one.fast_max(other);
+            if self.is_any_still {
+                // Along a bound it is inside all the way.
+                let is_still = self.direction[axis].simd_eq(Doubles::ZERO);
+                let is_bound = one.simd_eq(Doubles::ZERO) | other.simd_eq(Doubles::ZERO);
+                leave = (is_still & is_bound).bitselect(Doubles::splat(f64::INFINITY), leave);
+            }
+            (one.fast_min(other), leave)
         };
         let x = between(0, corner[0], corner[0] + side);
         let y = between(1, corner[1], corner[1] + side);

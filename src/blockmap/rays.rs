@@ -100,6 +100,13 @@ impl CityRays {
         rays
     }
 
+    /// Makes all blocks ready, which else the first rays do that come to them.
+    pub fn prepare(&self) {
+        self.blocks.iter().for_each(|block| {
+            block.ready(self.floor);
+        });
+    }
+
     /// The nearest hit.
     pub fn cast(&self, ray: &Ray) -> Option<CityHit> {
         let mut found = None;
@@ -177,9 +184,13 @@ impl CityRays {
 
     /// That of a node of which something is drawn.
     fn caster(&self, node: u32) -> &Caster<Arc<BlockMap>> {
-        let block = &self.blocks[self.places[node as usize].block as usize];
-        block
-            .caster
-            .get_or_init(|| Caster::new(block.map.clone(), self.floor))
+        self.blocks[self.places[node as usize].block as usize].ready(self.floor)
+    }
+}
+
+impl Block {
+    fn ready(&self, floor: f64) -> &Caster<Arc<BlockMap>> {
+        self.caster
+            .get_or_init(|| Caster::new(self.map.clone(), floor))
     }
 }

@@ -115,6 +115,7 @@ pub fn render(
         };
         visit.update(&camera.view(what.tolerance), &budget)?;
         let rays = CityRays::of_visit(visit);
+        rays.prepare();
         let start = Instant::now();
         let hits = cast(&camera, &rays);
         seconds += start.elapsed().as_secs_f64();

@@ -139,7 +139,8 @@ proptest! {
         rays in prop::collection::vec((places(), directions()), 200),
     ) {
         let caster = Caster::new(&map, FLOOR);
-        let rays: Vec<Ray> = rays.into_iter().map(|(place, direction)| ray(&map, place, direction)).collect();
+        let rays = rays.into_iter();
+        let rays: Vec<Ray> = rays.map(|(place, direction)| ray(&map, place, direction)).collect();
         let mut each = Vec::new();
         caster.fast_each(&rays, |index, hit| each.push((index, hit)));
         prop_assert_eq!(each.len(), rays.len());
@@ -207,5 +208,37 @@ fn the_length_of_a_direction_changes_what_is_met() {
         let hit = caster.fast(&ray(length)).unwrap();
         assert_eq!((hit.texel, hit.height), (one.texel, one.height));
         assert_eq!(hit.distance, one.distance / length);
+    }
+}
+
+#[test]
+fn a_ray_along_a_bound_of_the_block_goes_through() {
+    let mut map = BlockMap::new(32, [1000.0, -64.0], 64.0).unwrap();
+    let heights: Vec<f32> = (0..32 * 32).map(|index| (index % 5) as f32).collect();
+    map.set_heights(&heights, false);
+    let caster = Caster::new(&map, FLOOR);
+    let meets = |origin, direction| {
+        let ray = Ray { origin, direction };
+        assert_eq!(caster.fast(&ray), caster.exact(&ray));
+        caster.fast(&ray).is_some()
+    };
+    for zero in [0.0, -0.0] {
+        for x in [1000.0, 1032.0, 1064.0] {
+            for y in [-64.0, -32.0, 0.0] {
+                assert!(meets([x, y, 9.0], [zero, zero, -1.0]), "down at {x}, {y}");
+            }
+        }
+        assert!(
+            meets([900.0, -30.0, 4.0], [1.0, 0.1, zero]),
+            "level with the highest roof"
+        );
+        assert!(
+            meets([900.0, 0.0, 1.0], [1.0, zero, zero]),
+            "along the northern edge"
+        );
+        assert!(
+            !meets([900.0, 0.1, 1.0], [1.0, zero, zero]),
+            "beside the northern edge"
+        );
     }
 }
